@@ -11,7 +11,8 @@ import time
 import pytest
 
 from minitouch_bench.files import JOURNAL_FILE
-from tests.commands.command import finish, run, start
+from tests.commands.command import finish, start
+from tests.commands.command import run_installed as run
 from tests.commands.conftest import SCRIPTED
 from tests.commands.test_evaluate import ONE, same_numbers, wait_for_records
 from tests.evaluation.ray_nodes import command_line, descendants, free_port, head, joined
@@ -57,7 +58,7 @@ def test_a_ray_started_here_gives_the_same_numbers_and_leaves_nothing(scripted, 
     assert document == json.loads((tmp_path / "run" / "run.json").read_text())
     assert document["digest"] == json.loads((scripted[1] / "run.json").read_text())["digest"]
     lines = done.err.splitlines()
-    assert all(line.startswith(("episodes ", "report: ")) for line in lines), done.err
+    assert all(line.startswith(("episodes", "report: ")) for line in lines), done.err
 
 
 @pytest.mark.slow
@@ -89,7 +90,7 @@ def test_after_ctrl_c_nothing_is_left_and_the_run_goes_on_without_ray(home, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moment", [2.0, 3.0, 4.0, 5.0])
+@pytest.mark.parametrize("moment", [2.0, 4.0])
 def test_ctrl_c_while_ray_starts_ends_it_as_well(home, tmp_path, moment):
     process = start(*LONG, "--engine", "ray", directory=tmp_path)
     time.sleep(moment)

@@ -17,6 +17,7 @@ from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from tests.commands.command import finish, run, start
+from tests.evaluation.ray_nodes import command_line, descendants
 
 POLICY = "policy.safetensors"
 OPTIONS = ("--tasks", "pushing,opening", "--episodes", "2", "--workers", "2")
@@ -55,29 +56,10 @@ def same_results(one: Path, other: Path) -> None:
     assert documents[0] == documents[1]
 
 
-def family(pid: int) -> dict[int, str]:
-    """Return the processes below one, with their command lines."""
-    found: dict[int, str] = {}
-    generation = [pid]
-    while generation:
-        children = []
-        for parent in generation:
-            with contextlib.suppress(OSError):
-                text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
-                children += [int(child) for child in text.split()]
-        for child in children:
-            with contextlib.suppress(OSError):
-                found[child] = Path(f"/proc/{child}/cmdline").read_text().replace("\0", " ")
-        generation = children
-    return found
-
-
 def victims(pid: int, kind: str) -> list[int]:
     """Return the workers below the command, or the processes that hold their policies."""
-    below = family(pid)
-    if kind == "worker":
-        return [child for child, line in below.items() if "minitouch_bench.processes" in line]
-    return [child for child, line in below.items() if "policies.forkserver" in line]
+    program = {"worker": b"minitouch_bench.processes", "policy": b"policies.forkserver"}[kind]
+    return [child for child in descendants(pid) if program in command_line(child)]
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +90,7 @@ def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_pat
             time.sleep(0.001)
         time.sleep(chance.choice([0.0, 0.01, chance.uniform(0.0, 4.0)]))  # opening it, or playing
         killed += process.poll() is None
-        below = family(process.pid)
+        below = descendants(process.pid)
         process.kill()
         process.communicate()
         deadline = time.monotonic() + 10
