@@ -157,6 +157,7 @@ def train(
     exploration_steps: int | None = None,
     task_steps: int | None = None,
     objects: str | None = None,
+    without: Words | None = None,
     from_log: StrPath | None = None,
     preset: str = "default",
     config: StrPath | None = None,
@@ -184,6 +185,7 @@ def train(
         "method": method,
         "seed": seed,
         "objects": objects,
+        "without": parse_perturbation(words(without), ()).without or None,
         "dataset": None if from_log is None else str(from_log),
         "exploration": None if exploration_steps is None else {"steps": exploration_steps},
         "task_phase": None if task_steps is None else {"steps": task_steps},
@@ -191,7 +193,8 @@ def train(
     changes = {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = apply_settings(base, changes)
-    usual = TRAININGS / f"{asked.task}-{asked.method}-{asked.seed}"
+    name = "-".join((asked.task, asked.method, *(f"no-{sense}" for sense in asked.without)))
+    usual = TRAININGS / f"{name}-{asked.seed}"
     directory = usual if output is None else Path(output)
     callbacks = callbacks or NO_CALLBACKS
     if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):

@@ -11,6 +11,7 @@ from minitouch_bench.agents import METHODS
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.json_io import read_toml, take_table
+from minitouch_bench.perturbation import SENSES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HAPTICS = ("forces", "contact")
@@ -130,6 +131,9 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting.
 
+    ``without``: senses that actor and critics lack in both phases: ``touch``, ``forces`` or
+    ``vision``. Each is constant for them (0 N, the middle of the workspace, a black picture); the
+    curiosity has every sense that its method needs.
     ``dataset``: a recorded one, on which exploration makes its gradient steps without acting.
     ``sac`` acts, with the dataset in its replay memory.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
@@ -146,6 +150,7 @@ class TrainingConfig:
     method: str = "hac"
     seed: int = 0
     objects: str = ""
+    without: tuple[str, ...] = ()
     dataset: str = ""
     episode_steps: int = 50
     random_steps: int = 1000
@@ -179,6 +184,8 @@ class TrainingConfig:
                 f"which is {self.replay_size}"
             )
         _check("method", self.method, tuple(METHODS))
+        for sense in self.without:
+            _check("sense", sense, SENSES)
 
     @property
     def steps(self) -> int:

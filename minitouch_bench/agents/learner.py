@@ -16,9 +16,10 @@ from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.machine import processor_flags
-from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor, VisualEncoder
+from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE, TouchActor, VisualEncoder
+from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
-from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION
+from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION, SENSED_TOUCH
 
 FORCE_SCALE = 10.0
 """The finger force (N) that the networks see as 1."""
@@ -124,7 +125,8 @@ class Learner:
         """Return a stochastic action, float32 (A,)."""
         image = torch.from_numpy(observation["image"])[None].to(self.device)
         touch = torch.from_numpy(observation["touch"])[None].to(self.device)
-        action = self.sac.act(image, self.scale.scaled(touch), self.noise)[0]
+        sensed = self._sensed(image, self.scale.scaled(touch))
+        action = self.sac.act(*sensed, self.noise)[0]
         array: NDArray[np.float32] = action.cpu().numpy()
         return array
 
@@ -149,11 +151,29 @@ class Learner:
         if not self.exploring or self.curiosity is None:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-            return self.sac.update(batch, reward, self.noise, step)
+            return self.sac.update(self._sensed_batch(batch), reward, self.noise, step)
         errors = self.curiosity.update(batch)
         reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
         losses = {"curiosity_loss": errors.loss, "intrinsic_reward": reward.mean()}
-        return losses | self.sac.update(batch, reward, self.noise, step)
+        return losses | self.sac.update(self._sensed_batch(batch), reward, self.noise, step)
+
+    def _sensed_batch(self, batch: Batch) -> Batch:
+        """Return the batch as actor and critics see it."""
+        image, touch = self._sensed(batch.image, batch.touch)
+        next_image, next_touch = self._sensed(batch.next_image, batch.next_touch)
+        return replace(
+            batch, image=image, touch=touch, next_image=next_image, next_touch=next_touch
+        )
+
+    def _sensed(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
+        """Return images and scaled touch with the senses that are left out at 0."""
+        for sense in self.config.without:
+            if sense == "vision":
+                image = torch.zeros_like(image)
+            else:
+                touch = touch.clone()
+                touch[:, SENSED_TOUCH[sense]] = 0.0
+        return image, touch
 
     def _batch(self, replay: Replay) -> Batch:
         batch = replay.sample(
@@ -171,14 +191,30 @@ class Learner:
         )
 
     def actor(self) -> TouchActor:
-        """Return the policy as it stands, on the CPU, scales folded in."""
+        """Return the policy as it stands, on the CPU, scales folded in.
+
+        It ignores the senses that it learned without by its weights.
+        """
         learned = {
             f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()
         } | self.sac.actor.state_dict()
         encoder = VisualEncoder(self.config.sac.encoder_width)
         actor = TouchActor(self.sac.action_size, encoder=encoder)
         actor.load_state_dict(learned)
+        self._fold_constants(actor)
         return self.scale.to(torch.device("cpu")).fold_into(actor)
+
+    @torch.no_grad()
+    def _fold_constants(self, actor: TouchActor) -> None:
+        """Move what a constant sense adds to the first layer into its bias."""
+        weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
+        for sense in self.config.without:
+            if sense == "vision":
+                black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
+                bias.add_(weight[:, :FEATURES] @ actor.encoder(black)[0])
+                weight[:, :FEATURES] = 0.0
+            else:
+                weight[:, FEATURES:][:, SENSED_TOUCH[sense]] = 0.0
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""

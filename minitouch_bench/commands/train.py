@@ -8,6 +8,7 @@ import typer
 from minitouch_bench.agents import METHODS
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import training_progress
+from minitouch_bench.perturbation import SENSES
 
 
 def train(
@@ -33,6 +34,13 @@ def train(
         typer.Option(
             help="cube, or shapes: train, held-out, all; by default the task's. A policy that was "
             "trained on held-out shapes cannot show generalization on novel-shapes."
+        ),
+    ] = None,
+    without: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help=f"Senses that the policy learns without: {', '.join(SENSES)}. Curiosity has them.",
         ),
     ] = None,
     from_log: Annotated[
@@ -74,6 +82,7 @@ def train(
             exploration_steps=exploration_steps,
             task_steps=task_steps,
             objects=objects,
+            without=without,
             from_log=from_log,
             preset=preset,
             config=config,

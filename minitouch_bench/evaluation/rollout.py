@@ -19,7 +19,7 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.minitouch import senses_generator
-from minitouch_bench.simulation.observation import FORCES
+from minitouch_bench.simulation.observation import FORCES, SENSED_TOUCH
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
 WorldOf = Callable[[str], MiniTouchEnv]
@@ -80,10 +80,9 @@ class AlteredSenses:
         image, touch = observation["image"], observation["touch"].copy()
         if "vision" in self._perturbation.without:
             image = self._first["image"]
-        frozen = {"touch": slice(None), "forces": FORCES}
         for sense in self._perturbation.without:
-            if sense in frozen:
-                touch[frozen[sense]] = self._first["touch"][frozen[sense]]
+            if sense in SENSED_TOUCH:
+                touch[SENSED_TOUCH[sense]] = self._first["touch"][SENSED_TOUCH[sense]]
         if self._perturbation.noise:
             noisy = image + self._rng.normal(0.0, self._perturbation.noise, image.shape)
             image = noisy.round().clip(0, 255).astype(np.uint8)

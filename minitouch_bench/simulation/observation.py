@@ -24,6 +24,8 @@ from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 POSITION = PROTOCOL.observation.position
 OPENINGS = PROTOCOL.observation.openings
 FORCES = PROTOCOL.observation.forces
+SENSED_TOUCH = {"touch": slice(None), "forces": FORCES}
+"""Part of the touch vector that a sense of its own can be taken from."""
 
 
 def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:

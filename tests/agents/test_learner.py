@@ -1,6 +1,7 @@
 """A learner: what it saves acts as what it learned."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,10 +18,12 @@ from minitouch_bench.agents.config import (
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
+from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.simulation.observation import SENSED_TOUCH
 from tests.agents.batches import random_batch
 
 
@@ -97,6 +100,35 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
     assert losses[0] == losses[1]
     assert losses[0]["intrinsic_reward"] > 0
     assert other.curiosity.counts.sum() == 8
+
+
+@pytest.mark.parametrize("sense", SENSES)
+def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense):
+    config = TrainingConfig(
+        "pushing", without=(sense,), sac=SacConfig(batch_size=4, bfloat16=False)
+    )
+    learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
+    replay = filled_replay()
+    for step in range(3):
+        learner.update(replay, step)
+    policy = learner.actor()
+    image = torch.randint(256, (2, 1, 84, 84), dtype=torch.uint8)
+    touch = torch.rand(1, 11).repeat(2, 1)
+    if sense != "vision":
+        image[1] = image[0]
+        touch[1, SENSED_TOUCH[sense]] += 1.0
+    with torch.no_grad():
+        first, second = policy(image, touch)
+        torch.testing.assert_close(first, second, atol=1e-6, rtol=0)
+        # It acts as in training, where the sense is constant.
+        sensed = learner._sensed(image, learner.scale.scaled(touch))
+        trained = learner.sac.actor.gaussian_of(learner.sac.encoder(sensed[0]), sensed[1])[0]
+    torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=1e-5, rtol=0)
+    surprised = [
+        learner.curiosity.errors(replace(learner._batch(replay), next_image=picture)).surprise
+        for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
+    ]
+    assert not torch.equal(*surprised)  # the curiosity has every sense
 
 
 # Where half precision is used
