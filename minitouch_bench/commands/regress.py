@@ -26,11 +26,18 @@ def regress(
     ] = None,
     *,
     baseline: Annotated[
-        Path, typer.Option(metavar="RUN", help="Directory of the run to compare with.")
+        list[Path],
+        typer.Option(
+            metavar="RUN", help="Directory of the run to compare with; repeat it, see --candidate."
+        ),
     ],
     candidate: Annotated[
-        Path | None,
-        typer.Option(metavar="RUN", help="Directory of a finished run, in place of POLICY."),
+        list[Path] | None,
+        typer.Option(
+            metavar="RUN",
+            help="Directory of a finished run, in place of POLICY. To judge a method, repeat both "
+            "options, with one run of each training seed.",
+        ),
     ] = None,
     metric: Annotated[
         str | None,
@@ -91,10 +98,9 @@ def regress(
 
     A policy plays the baseline's episodes; its run is kept in its directory.
     """
-    if (policy is None) == (candidate is None):
-        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
-    if candidate is not None and (output is not None or resume or fresh or trust):
-        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
+    candidates = candidate or []
+    is_played = output is not None or resume or fresh or trust
+    _refuse_contradictions(policy, baseline, candidates, is_played=is_played)
     from minitouch_bench.comparison import gate_report
     from minitouch_bench.comparison.gate import (
         GateSettings,
@@ -103,6 +109,7 @@ def regress(
         refuse_other_rules,
         without_exploration,
     )
+    from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
     from minitouch_bench.evaluation.policy_setup import prepare_policies
@@ -112,11 +119,10 @@ def regress(
 
     allowed = None if tolerance is None else Tolerance.parse(tolerance)
     settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
-    before = refuse_edited(read_run(baseline))
-    if candidate is not None:
-        directory = candidate
-        after = refuse_edited(read_run(directory))
-    else:
+    befores = [refuse_edited(read_run(path)) for path in baseline]
+    afters = [refuse_edited(read_run(path)) for path in candidates]
+    if policy is not None:
+        (before,) = befores
         isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
@@ -134,7 +140,9 @@ def regress(
                 refuse_edited(opened)
             after = play(setup, opened, running, callbacks)
             write_views(after, directory)
-    result = judge_runs(before, after, (str(baseline), str(directory)), settings)
+        befores, afters, candidates = [before], [after], [directory]
+    paths = [[str(path) for path in of_side] for of_side in (baseline, candidates)]
+    result = judge((befores, afters), paths, settings)
     if junit is not None:
         write_file(junit, gate_report.gate_junit(result))
     if summary is not None:
@@ -145,3 +153,14 @@ def regress(
         gate_report.show_result(result, data_console())
     if result.exit_code:
         raise typer.Exit(result.exit_code)
+
+
+def _refuse_contradictions(
+    policy: str | None, baselines: list[Path], candidates: list[Path], *, is_played: bool
+) -> None:
+    if (policy is None) == (not candidates):
+        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
+    if policy is not None and len(baselines) > 1:
+        raise UsageError("POLICY is one training: evaluate several, and give them by --candidate")
+    if candidates and is_played:
+        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")

@@ -68,6 +68,9 @@ class Tolerance:
         return f"{100 * self.amount:g}%" if self.relative else f"{self.amount:g}"
 
 
+MOST_SEEDS = 100
+"""Training seeds on each side, of which no more are ever asked for."""
+
 DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
     "success": Tolerance(0.05),
     "exploration": Tolerance(0.05),
@@ -133,6 +136,12 @@ class Decision(StrEnum):
     REGRESSION = "regression"
     NO_REGRESSION = "no regression"
     NOT_ENOUGH = "not enough episodes"
+    NOT_ENOUGH_SEEDS = "not enough training seeds"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is no answer."""
+        return self in (Decision.NOT_ENOUGH, Decision.NOT_ENOUGH_SEEDS)
 
 
 REGRESSION_CODE = 1
@@ -145,7 +154,8 @@ class Endpoint:
     """What decides: the mean of one metric over its tasks.
 
     ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
-    ``episodes_needed``: per task, to settle it, None for none or too many.
+    To settle it: ``episodes_needed`` per task, of one run on each side, or ``seeds_needed`` on each
+    side; None for none or too many.
     """
 
     effect: Effect
@@ -154,6 +164,7 @@ class Endpoint:
     tolerance: float
     decision: Decision
     episodes_needed: int | None = None
+    seeds_needed: int | None = None
 
     @property
     def is_beyond(self) -> bool:
@@ -171,11 +182,19 @@ class TaskMetric:
 
 
 @dataclass(frozen=True)
+class TrainingValue:
+    """The endpoint's value in the run of one training seed."""
+
+    run: ComparedRun
+    value: float
+
+
+@dataclass(frozen=True)
 class GateResult:
     """What the gate found, and the command to type next.
 
     ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
-    candidate's run took.
+    candidate's runs took. ``trainings``: of each run, where there are several on each side.
     """
 
     baseline: ComparedRun
@@ -189,13 +208,14 @@ class GateResult:
     notes: tuple[str, ...]
     next_command: str
     wall_s: float
+    trainings: tuple[TrainingValue, ...] = ()
 
     @property
     def exit_code(self) -> int:
-        """0, 1 for a regression, 5 where there are not enough episodes and it fails."""
+        """0, 1 for a regression, 5 where there is no answer and it fails."""
         if self.decision is Decision.REGRESSION:
             return REGRESSION_CODE
-        is_open = self.decision is Decision.NOT_ENOUGH and not self.settings.lenient
+        is_open = self.decision.is_open and not self.settings.lenient
         fails = is_open and (self.settings.strict or self.endpoint.is_beyond)
         return NOT_ENOUGH_CODE if fails else 0
 
@@ -216,7 +236,8 @@ def judge_runs(
     identical = pairing.are_identical(baseline, candidate, pairs)
     if identical:
         endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
-    per_task = measure_tasks(pairs, tasks, endpoint, settings.alpha, root)
+    effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
+    per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
     return GateResult(
         baseline=ComparedRun.of("baseline", baseline, paths[0]),
@@ -304,32 +325,43 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     tolerance. Otherwise there are not enough episodes.
     """
     effect = pairing.paired_test(values, root)
-    allowed = settings.tolerance_of(values.metric).absolute(effect.first)
-    endpoint = Endpoint(effect, values.tasks, effect.p_worse, allowed, Decision.NOT_ENOUGH)
     # The interval of a share is good for any number of episodes.
     is_believed = effect.count >= FEWEST_FOR_A_MEAN or isinstance(
         METRICS[effect.metric].statistic, Share
     )
+    endpoint = decide(effect, values.tasks, settings, is_believed=is_believed)
+    if endpoint.decision is not Decision.NOT_ENOUGH:
+        return endpoint
+    needed = _needed(values, effect, endpoint.tolerance, settings.alpha)
+    return replace(endpoint, episodes_needed=needed)
+
+
+def decide(
+    effect: Effect, tasks: tuple[str, ...], settings: GateSettings, *, is_believed: bool
+) -> Endpoint:
+    """Decide by an effect, whose interval excludes a worsening where it ``is_believed``."""
+    allowed = settings.tolerance_of(effect.metric).absolute(effect.first)
+    endpoint = Endpoint(effect, tasks, effect.p_worse, allowed, Decision.NOT_ENOUGH)
     if endpoint.is_beyond and endpoint.p_value <= settings.alpha:
         return replace(endpoint, decision=Decision.REGRESSION)
     if effect.worst <= allowed and is_believed:
         return replace(endpoint, decision=Decision.NO_REGRESSION)
-    return replace(endpoint, episodes_needed=_needed(values, effect, allowed, settings.alpha))
+    return endpoint
 
 
-def measure_tasks(
-    pairs: Pairs,
-    tasks: Sequence[str],
-    endpoint: Endpoint,
-    alpha: float,
-    root: Root,
-) -> tuple[TaskMetric, ...]:
-    """Measure every metric of every task that can get worse; test them after a regression only."""
-    effects = [
-        pairing.paired_test(values, root)
+def task_values(pairs: Pairs, tasks: Sequence[str]) -> list[PairedValues]:
+    """Return the values of every metric of every task that can get worse."""
+    return [
+        values
         for values in pairing.collect_values(pairs, tasks)
         if values.task != pairing.MEAN_TASK and values.direction != NO_DIRECTION
     ]
+
+
+def judge_tasks(
+    effects: Sequence[Effect], endpoint: Endpoint, alpha: float
+) -> tuple[TaskMetric, ...]:
+    """Judge the effects of all tasks, which are tested after a regression only."""
     if endpoint.decision is not Decision.REGRESSION:
         return tuple(TaskMetric(effect, None, is_worse=False) for effect in effects)
     adjusted = holm([effect.p_worse for effect in effects])

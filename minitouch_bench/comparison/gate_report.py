@@ -9,12 +9,13 @@ from xml.etree import ElementTree
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResult
+from minitouch_bench.comparison.gate import MOST_SEEDS, NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
+    counted,
     difference_cell,
     format_value,
     listed,
@@ -105,8 +106,14 @@ STYLES = {
     Decision.NO_REGRESSION: "bold green",
     Decision.REGRESSION: "bold red",
     Decision.NOT_ENOUGH: "bold yellow",
+    Decision.NOT_ENOUGH_SEEDS: "bold yellow",
 }
-MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌", Decision.NOT_ENOUGH: "❔"}
+MARKS = {
+    Decision.NO_REGRESSION: "✅",
+    Decision.REGRESSION: "❌",
+    Decision.NOT_ENOUGH: "❔",
+    Decision.NOT_ENOUGH_SEEDS: "❔",
+}
 
 RESULT_VERSION = 4
 """Of the JSON document."""
@@ -189,7 +196,7 @@ def _kind(result: GateResult) -> str:
     """Return the element that says how the gate ended; a passed one has its output only."""
     if result.exit_code:
         return "failure"
-    return "skipped" if result.decision is Decision.NOT_ENOUGH else "system-out"
+    return "skipped" if result.decision.is_open else "system-out"
 
 
 def _case(
@@ -208,7 +215,7 @@ def _case(
     tested = "not tested" if p_value is None else f"p {p_text(p_value)}"
     element.text = printable(
         f"{effect_head(effect)}: candidate minus baseline {difference}, {tested}, "
-        f"{effect.count} episodes"
+        f"{counted(effect.difference)}"
     )
     return case
 
@@ -223,6 +230,24 @@ def endpoint_table(result: GateResult) -> tables.Table:
     columns = tables.make_columns(*GATE_LABELS, "Tolerance", "p", "Decision", words=["Decision"])
     title = f"What decides: {effect_head(effect)}, over {listed(endpoint.tasks)}"
     return tables.Table(title, ("Task",), columns, (row,))
+
+
+def trainings_table(result: GateResult) -> tables.Table:
+    """Lay out the endpoint in the run of each training seed."""
+    effect = result.endpoint.effect
+    rows = tuple(
+        tables.make_row(
+            printable(one.run.path),
+            one.run.title,
+            format_value(effect.metric, one.value),
+            "; ".join(one.run.labels),
+        )
+        for one in result.trainings
+    )
+    value = f"{task_title(effect.task)} {effect.metric}"
+    columns = tables.make_columns("Side", value, "Remarks", words=["Side", "Remarks"])
+    table = tables.Table("Training seeds", ("Run",), columns, rows)
+    return table.filled_columns()
 
 
 def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
@@ -250,11 +275,14 @@ def _reason(result: GateResult) -> str:
     values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
     change = f"{effect.task} {effect.metric} {' → '.join(values)}"
     where = "beyond" if endpoint.is_beyond else "within"
-    seen = f"{change} in {effect.count} episodes, {where} the tolerance"
+    seen = f"{change} in {counted(effect.difference)}, {where} the tolerance"
     if endpoint.decision is Decision.REGRESSION:
         return f"{seen}, p {p_text(endpoint.p_value)}"
     if endpoint.decision is Decision.NO_REGRESSION:
         return f"{change}, a worsening beyond the tolerance is excluded"
+    if endpoint.decision is Decision.NOT_ENOUGH_SEEDS:
+        number = endpoint.seeds_needed or f"more than {MOST_SEEDS}"
+        return f"{seen}; {number} training seeds on each side would settle it"
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
@@ -264,21 +292,32 @@ def _reason(result: GateResult) -> str:
 def gate_notes(result: GateResult) -> tuple[str, ...]:
     """Say how the figures of a result were made, and what is not alike."""
     alpha = f"{100 * result.settings.alpha:g} %"
+    unit, of_what = "episodes", "the paired difference"
+    chance = f"at most {alpha}"
+    if result.trainings:
+        unit, of_what = "training seeds", "the difference of the methods, Student's t over seeds"
+        chance = (
+            f"about {alpha} where the seeds' values vary normally. Where some seeds fail to learn, "
+            "no test over a few seeds keeps its level: look at each seed's value"
+        )
     return (
         *(f"{NOT_ALIKE}: {note}." for note in result.notes),
-        "Brackets: 95 % interval of the paired difference, of the row alone. p: one-sided, that "
-        f"the candidate is no worse. Chance of a false regression: at most {alpha}. Only after a "
+        f"Brackets: 95 % interval of {of_what}, of the row alone. p: one-sided, that "
+        f"the candidate is no worse. Chance of a false regression: {chance}. Only after a "
         "regression are the metrics of each task tested, adjusted together by Holm's method.",
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
-        "excludes a worsening beyond the tolerance. not enough episodes: neither; it fails "
-        f"(exit {NOT_ENOUGH_CODE}) where the episodes seen are worse beyond the tolerance, with "
+        f"excludes a worsening beyond the tolerance. not enough {unit}: neither; it fails "
+        f"(exit {NOT_ENOUGH_CODE}) where what was seen is worse beyond the tolerance, with "
         "--strict always, with --lenient never.",
     )
 
 
 def result_blocks(result: GateResult) -> Iterator[tables.Block]:
     """Yield what a gate's answer rests on."""
-    yield from map(run_line, (result.baseline, result.candidate))
+    if result.trainings:
+        yield trainings_table(result)
+    else:
+        yield from map(run_line, (result.baseline, result.candidate))
     yield ""
     yield endpoint_table(result)
     yield from task_tables(result)

@@ -153,8 +153,13 @@ def difference_cell(metric: str, difference: Estimate) -> Cell:
 
 
 def _method(estimate: Estimate) -> str:
-    counted = "training seeds" if "training seeds" in estimate.method else "episodes"
-    return f"{estimate.count} {counted}, 95 % interval: {estimate.method}"
+    return f"{counted(estimate)}, 95 % interval: {estimate.method}"
+
+
+def counted(estimate: Estimate) -> str:
+    """Say how many episodes or training seeds an estimate is over."""
+    what = "training seeds" if "training seeds" in estimate.method else "episodes"
+    return f"{estimate.count} {what}"
 
 
 def _percent(share: float) -> float:

@@ -1,5 +1,6 @@
 """``regress`` on written runs, and with policies on the real simulator."""
 
+import hashlib
 import json
 import os
 import shlex
@@ -27,7 +28,9 @@ def write(directory, name, episodes=20, **options):
     plan = make_plan("table4", episodes=episodes)
     played = make_run(name, plan.tasks, episodes, exploration=False, **options)
     records = tuple(map(of_plan, played.records, plan.specs()))
-    header = make_header(plan, played.header.policy, None, "sandbox")
+    digest = hashlib.sha256(name.encode()).hexdigest()
+    policy = replace(played.header.policy, digest=digest)
+    header = make_header(plan, policy, None, "sandbox")
     directory.mkdir()
     write_actions(records, directory)
     done = measure_run(header, played.environment, records, name)
@@ -44,6 +47,7 @@ def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     write(directory / "good", "good", skill=0.9, episodes=60)
     write(directory / "bad", "bad", skill=0.2, episodes=60)
+    write(directory / "worse", "worse", skill=0.25, episodes=60)
     write(directory / "close", "close", skill=0.85, episodes=60)
     write(directory / "few", "few", episodes=4)
     write(directory / "few-good", "few-good", skill=1.0, episodes=4)
@@ -76,6 +80,24 @@ def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
     assert float(suite.attrib["time"]) > 0
     summary = (tmp_path / "summary.md").read_text()
     assert summary.startswith("## ❌ minitouch-bench regression: ")
+
+
+def test_several_runs_on_each_side_judge_the_method_and_one_on_a_side_is_refused(runs, tmp_path):
+    sides = ("--baseline", "good", "--baseline", "close", "--candidate", "bad")
+    file = tmp_path / "gate.xml"
+    done = run("regress", *sides, "--candidate", "worse", "--junit", file, directory=runs)
+    assert done.code == 1, done.err
+    answer, following = done.out.strip().splitlines()[-2:]
+    assert answer.startswith("regression: mean success ")
+    assert "in 4 training seeds" in answer
+    assert following == "next: minitouch-bench report good close bad worse"
+    assert int(ElementTree.parse(file).getroot().attrib["failures"]) >= 1
+    for options, reason in (
+        (sides, "the candidate has one run"),
+        (("random", *sides[:4]), "POLICY is one training"),
+    ):
+        done = run("regress", *options, directory=runs)
+        assert (done.code, reason in done.err) == (2, True), done.err
 
 
 def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):

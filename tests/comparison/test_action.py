@@ -83,6 +83,16 @@ def test_the_script_ends_as_the_gate_does(tmp_path):
     assert (tmp_path / "output").read_text() == "decision=regression\n"
 
 
+def test_several_runs_are_one_per_line(tmp_path):
+    baseline, candidate = "reports/a 1\nreports/a 2\n", "reports/b 1\n\nreports/b 2"
+    done, arguments = gate(tmp_path, baseline=baseline, candidate=candidate)
+    assert done.returncode == 0, done.stderr
+    assert arguments == [
+        "regress", "--baseline", "reports/a 1", "--baseline", "reports/a 2", "--junit", "",
+        "--json", "--candidate", "reports/b 1", "--candidate", "reports/b 2",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(("refused", "option"), [("", "--resume"), ("yes", "--fresh")])
 def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, refused, option):
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
