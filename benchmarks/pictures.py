@@ -76,7 +76,7 @@ def frames_of(task: str) -> list[np.ndarray]:
     size = (VIDEO_WIDTH * SMOOTHING, VIDEO_HEIGHT * SMOOTHING)
     images = [
         np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT))
-        for image in replay_frames(spec, actions, run.plan.conditions, size)
+        for image in replay_frames(spec, actions, run.plan, size)
     ]
     return images + images[-1:] * (VIDEO_STEPS - len(images))
 

@@ -29,7 +29,7 @@ def main() -> None:
             for key in best_and_worst(run, task):
                 spec, _ = run.find(key)
                 path = folder / video_name(key)
-                print(write_video(spec, run.actions_of(key), path, run.plan.conditions))
+                print(write_video(spec, run.actions_of(key), path, run.plan))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S,
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
-from minitouch_bench.tasks.task import Objects
+from minitouch_bench.shapegen.manifest import Objects
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
@@ -45,8 +45,8 @@ def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium
     """Return the Gymnasium environment of a task, named as on the command line.
 
     ``objects``: "cube", a split of the shape set ("train", "held-out", "all"), names of shapes,
-    shapes of a set, or a whole set of your own; by default the task's. The other options are
-    those of ``gymnasium.make``, such as ``render_mode="rgb_array"``.
+    shapes of a set, or a whole set of your own or its folder; by default the task's. The other
+    options are those of ``gymnasium.make``, such as ``render_mode="rgb_array"``.
 
     Raises:
         UsageError: the task or the objects do not exist.
@@ -64,6 +64,7 @@ def evaluate(
     episodes: int | None = None,
     episodes_from: Sequence[str] = (),
     seed: int | None = None,
+    objects: Objects | None = None,
     without: Words | None = None,
     perturb: Words | None = None,
     output: StrPath | None = None,
@@ -85,7 +86,8 @@ def evaluate(
     ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
     a torch module on (image, touch). An object runs beside the simulator, so the run is
     unofficial. Without ``output`` the run is kept in memory only, and is lost if interrupted;
-    "auto" stands for ``reports/POLICY-SUITE``. The other options are those of the command line.
+    "auto" stands for ``reports/POLICY-SUITE``. ``objects`` are what ``make`` takes.
+    The other options are those of the command line.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -104,6 +106,7 @@ def evaluate(
         episodes_from or (),
         conditions=parse_perturbation(words(without), words(perturb)),
         limits=isolated.limits,
+        objects=objects,
     )
     setup = prepare_policies(
         policy, plan, isolated, callbacks.note, exploration=exploration, name=name

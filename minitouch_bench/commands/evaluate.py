@@ -52,6 +52,14 @@ def evaluate(
         int | None,
         episodes_option(metavar="N", min=0, help="Seed in place of the suite's; unofficial."),
     ] = None,
+    objects: Annotated[
+        str | None,
+        episodes_option(
+            metavar="SET",
+            help="Objects in place of the tasks' own, in turn: the folder of a shape set, or "
+            "cube, train, held-out or all; unofficial.",
+        ),
+    ] = None,
     without: Annotated[
         str | None,
         episodes_option(
@@ -104,6 +112,7 @@ def evaluate(
             episodes=episodes,
             episodes_from=episodes_from or (),
             seed=seed,
+            objects=objects,
             without=without,
             perturb=perturb,
             output=api.AUTO_OUTPUT if output is None else output,

@@ -57,7 +57,7 @@ def replay(
         note(f"recording a video of {count + 1} frames")
         folder = view_directory(opened.directory or run) / REPLAYS
         file = video or make_folder(folder) / video_name(episode, video_suffix())
-        print(write_video(record.spec, actions, file, opened.plan.conditions))
+        print(write_video(record.spec, actions, file, opened.plan))
     is_same = is_as_recorded(opened, record)
     bits = "the same bits as recorded" if is_same else "NOT the bits that were recorded"
     note(f"{record.spec.key}: {opened.find(episode)[1].outcome} after {count} steps; {bits}")

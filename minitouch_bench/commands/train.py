@@ -32,8 +32,9 @@ def train(
     objects: Annotated[
         str | None,
         typer.Option(
-            help="cube, or shapes: train, held-out, all; by default the task's. A policy that was "
-            "trained on held-out shapes cannot show generalization on novel-shapes."
+            help="cube, shapes (train, held-out, all) or the folder of a shape set; by default the "
+            "task's. A policy that was trained on held-out shapes cannot "
+            "show generalization on novel-shapes."
         ),
     ] = None,
     without: Annotated[

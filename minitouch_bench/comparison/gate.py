@@ -285,7 +285,7 @@ def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
 
 
 def _conditions(header: RunHeader) -> str:
-    return ", ".join(header.plan.conditions.in_words()) or "standard"
+    return ", ".join(header.plan.changes_in_words()) or "standard"
 
 
 def endpoint_values(pairs: Pairs, tasks: Sequence[str], settings: GateSettings) -> PairedValues:

@@ -55,10 +55,10 @@ def header_of(setup: PolicySetup) -> RunHeader:
 
 
 def run_name(header: RunHeader) -> str:
-    """Name a run after its policy, suite and perturbation, in characters that suit a file name."""
+    """Name a run after its policy, suite, objects and perturbation, fit for a file name."""
     policy = _file_name(header.policy.name)[:80] or "policy"
-    perturbation = [_file_name(words) for words in header.plan.conditions.in_words()]
-    return "-".join((policy, header.plan.suite, *perturbation))
+    changes = [_file_name(words) for words in header.plan.changes_in_words()]
+    return "-".join((policy, header.plan.suite, *changes))
 
 
 def _file_name(text: str) -> str:

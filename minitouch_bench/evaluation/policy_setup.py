@@ -11,7 +11,6 @@ from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.policy import (
     SANDBOXED,
     Isolation,
@@ -63,7 +62,7 @@ class Recording:
     """The actions of episodes, float32 (T, A) each, as applied."""
 
     actions: Mapping[EpisodeSpec, Actions]
-    perturbation: Perturbation = UNPERTURBED
+    plan: Plan
 
     @classmethod
     def of(cls, run: Run, specs: Iterable[EpisodeSpec]) -> "Recording":
@@ -71,8 +70,10 @@ class Recording:
 
         Raises:
             RunDirectoryError: they are missing, or their file is missing or damaged.
+            UsageError: the objects of the run are not there, or have been changed.
         """
-        return cls({spec: run.actions_of(spec.key) for spec in specs}, run.plan.conditions)
+        run.plan.load_objects()
+        return cls({spec: run.actions_of(spec.key) for spec in specs}, run.plan)
 
     def make_policy(self, role: Role, world_of: WorldOf) -> RecordedPolicy:
         """Return a policy that repeats the actions of a role."""
@@ -89,11 +90,6 @@ class PolicySetup:
     policy: PolicySource
     exploration: PolicySource | None = None
     isolation: IsolationOptions = SANDBOXED
-
-    @property
-    def perturbation(self) -> Perturbation:
-        """The perturbation of the plan."""
-        return self.plan.conditions
 
     def sources(self) -> tuple[PolicySource, ...]:
         """Return the final policy, and the exploration policy where there is one."""
@@ -137,6 +133,7 @@ def prepare_policies(
     """
     if isolation.level is Isolation.NONE and not isolation.trust:
         raise UsageError("--isolation none runs the policy in this very process: add --trust")
+    plan.load_objects()
     isolation = replace(isolation, limits=plan.limits)
     source = _find_policy(policy, plan.tasks, isolation, note, Role.FINAL)
     if name is not None:

@@ -20,8 +20,8 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import VIDEOS, make_folder, os_errors_as, write_file
 from minitouch_bench.machine import require
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
@@ -38,9 +38,9 @@ def write_video(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
     path: Path,
-    perturbation: Perturbation = UNPERTURBED,
+    plan: Plan,
 ) -> Path:
-    """Replay one episode in front of the camera into an ``.mp4`` or a ``.gif``.
+    """Replay one episode of a plan in front of the camera into an ``.mp4`` or a ``.gif``.
 
     Raises:
         MissingExtraError: an ``.mp4`` needs the extra ``video``.
@@ -52,7 +52,7 @@ def write_video(
         raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
         unfinished = Path(folder) / f"video{path.suffix}"
-        writers[path.suffix](replay_frames(spec, actions, perturbation), unfinished)
+        writers[path.suffix](replay_frames(spec, actions, plan), unfinished)
         write_file(path, unfinished.read_bytes())
     return path
 
@@ -69,15 +69,15 @@ def film_run(run: Run, directory: Path, count: int) -> None:
         for spec in run.header.specs()
         if spec.index < count
     ]
-    film = partial(_film, run.plan.conditions)
+    film = partial(_film, run.plan)
     for _ in run_in_workers(
         film, films, core_count(), name=lambda one: f"the film of {one[0].key}"
     ):
         pass
 
 
-def _film(perturbation: Perturbation, film: tuple[EpisodeSpec, NDArray[np.float32], Path]) -> None:
-    write_video(*film, perturbation)
+def _film(plan: Plan, film: tuple[EpisodeSpec, NDArray[np.float32], Path]) -> None:
+    write_video(*film, plan)
 
 
 def video_name(key: str, suffix: str = ".mp4") -> str:
@@ -116,16 +116,21 @@ def _write_gif(frames: Frames, path: Path) -> None:
 def replay_frames(
     spec: EpisodeSpec,
     actions: NDArray[np.float32],
-    perturbation: Perturbation = UNPERTURBED,
+    plan: Plan,
     size: tuple[int, int] = VIDEO_SIZE,
 ) -> Frames:
-    """Replay one episode and yield an image of its start and of each control step.
+    """Replay one episode of a plan and yield an image of its start and of each control step.
 
     ``size``: width and height in pixels.
     """
     width, height = size
     environment = MiniTouchEnv(
-        spec.task, render_mode="rgb_array", perturbation=perturbation, width=width, height=height
+        spec.task,
+        plan.load_objects(),
+        "rgb_array",
+        width=width,
+        height=height,
+        perturbation=plan.conditions,
     )
     try:
         environment.reset(seed=spec.seed, options={OBJECT: spec.shape})

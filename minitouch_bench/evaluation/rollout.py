@@ -19,6 +19,7 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.minitouch import senses_generator
+from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES, SENSED_TOUCH
 from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
@@ -30,8 +31,8 @@ class PolicyMaker(Protocol):
     """Where a worker gets its policies from: a run's checkpoints, or its recorded actions."""
 
     @property
-    def perturbation(self) -> Perturbation:
-        """The perturbation of the run's episodes."""
+    def plan(self) -> Plan:
+        """The plan of the run: it has the objects and the perturbation."""
 
     def make_policy(self, role: Role, world_of: WorldOf) -> Policy:
         """Return a new policy for the episodes of a role."""
@@ -53,7 +54,10 @@ class EpisodeRunner:
 
     def _world_of(self, task: str) -> MiniTouchEnv:
         if task not in self._worlds:
-            self._worlds[task] = MiniTouchEnv(task, perturbation=self._source.perturbation)
+            plan = self._source.plan
+            self._worlds[task] = MiniTouchEnv(
+                task, plan.load_objects(), perturbation=plan.conditions
+            )
         return self._worlds[task]
 
     def close(self) -> None:

@@ -172,4 +172,4 @@ def _in_words(value: object) -> str:
         return ", ".join(value.in_words()) or "none"
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
-    return "none" if value is None else str(value)
+    return "none" if value in (None, msgspec.UNSET) else str(value)

@@ -2,12 +2,15 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import UNSET, Meta, UnsetType
 
-from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed
+from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, USUAL_LIMITS, Perturbation, PolicyLimits
@@ -20,7 +23,7 @@ from minitouch_bench.protocol.minitouch import (
     suite_generator,
 )
 from minitouch_bench.protocol.spec import CUBE, Split, SuiteSpec
-from minitouch_bench.shapegen.manifest import Shape, canonical_shape_set
+from minitouch_bench.shapegen import manifest
 
 NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
@@ -40,12 +43,56 @@ def first_of(names: Sequence[str], most: int) -> str:
 
 
 @dataclass(frozen=True)
+class PlannedObjects:
+    """Objects in place of each task's own: ``shapes`` of one set, which episodes take in turn.
+
+    ``source``: the folder of the set as it was given, and ``digest`` the set's; both are "" where
+    the objects come with this package.
+    """
+
+    name: str
+    shapes: Annotated[tuple[str, ...], Meta(min_length=1)]
+    source: str = field(compare=False)
+    digest: Sha256OrNone
+
+    @classmethod
+    def of(cls, chosen: manifest.Objects) -> "PlannedObjects":
+        """Return the objects that a user names.
+
+        Raises:
+            UsageError: there are no such objects, or they are of several sets.
+        """
+        if chosen == CUBE:
+            return cls(CUBE, (CUBE,), "", "")
+        shapes = manifest.choose_shapes(chosen)
+        folders = {shape.pack.parent for shape in shapes}
+        if len(folders) > 1:
+            raise UsageError("the objects of a run are shapes of one set, not of several")
+        known = manifest.load_shape_set(*folders)
+        source = chosen if isinstance(chosen, str) else str(known.path)
+        is_ours = known.digest == PROTOCOL.shapes
+        origin = ("", "") if is_ours else (source, known.digest)
+        return cls(Path(source).resolve().name, tuple(shape.name for shape in shapes), *origin)
+
+    def mistake(self, tasks: Sequence[str]) -> str:
+        """Return why the tasks cannot be played with these objects, or ""."""
+        if fixed := [task for task in tasks if not PROTOCOL.task(task).default_objects]:
+            return f"{fixed[0]} has no object to choose"
+        here = {CUBE, *(shape.name for shape in manifest.canonical_shape_set().shapes)}
+        is_known = bool(self.source) or here.issuperset(self.shapes)
+        return "" if is_known else "they are not shapes of this package"
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.digest[:12]}".rstrip()
+
+
+@dataclass(frozen=True)
 class Plan:
     """What fixes the episodes of a run and how they are played, known before the first one.
 
     ``tasks`` in the suite's order; ``episodes`` per task. ``chosen`` names the episodes that are
     played, as in "pushing/17", where they are not every one. ``limits``: the policy's time and
-    memory.
+    memory. ``objects``: those in place of the tasks' own, unset where there are none.
     """
 
     suite: str
@@ -55,6 +102,7 @@ class Plan:
     chosen: tuple[str, ...] = ()
     conditions: Perturbation = UNPERTURBED
     limits: PolicyLimits = USUAL_LIMITS
+    objects: PlannedObjects | UnsetType = UNSET
 
     @lru_cache(maxsize=8)  # noqa: B019  a plan is a value, and of few runs
     def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
@@ -69,7 +117,9 @@ class Plan:
             episodes_per_task=self.episodes,
             seed=self.seed,
         )
-        return suite_episodes(suite, exploration=exploration, chosen=self.chosen)
+        return suite_episodes(
+            suite, exploration=exploration, chosen=self.chosen, objects=self.objects
+        )
 
     def rules(self) -> dict[str, str]:
         """Return this installation's digest of the protocol for each task."""
@@ -90,7 +140,32 @@ class Plan:
         for name, words in LIMITS_IN_WORDS.items():
             if (limit := getattr(self.limits, name)) != getattr(USUAL_LIMITS, name):
                 reasons.append(words.format(limit))
-        return (*reasons, *self.conditions.in_words())
+        return (*reasons, *self.changes_in_words())
+
+    def load_objects(self) -> manifest.ShapeSet | None:
+        """Return the user's set of objects, None where the objects come with this package.
+
+        Raises:
+            UsageError: it is not where it was, or has been changed.
+        """
+        if not self.objects or not self.objects.source:
+            return None
+        try:
+            known = manifest.load_shape_set(self.objects.source)
+        except UsageError as error:
+            what = f"the objects of the run are gone: {error}.\nPut the set {self.objects} there"
+            raise UsageError(what) from error
+        if known.digest != self.objects.digest:
+            raise UsageError(
+                f"{self.objects.source} is not the set of the run: its digest is "
+                f"{known.digest[:12]}, the run's objects are {self.objects}"
+            )
+        return known
+
+    def changes_in_words(self) -> tuple[str, ...]:
+        """Return what differs from the protocol in the objects, the senses and the world."""
+        objects = (f"objects {self.objects}",) if self.objects else ()
+        return (*objects, *self.conditions.in_words())
 
     def as_options(self) -> tuple[str, ...]:
         """Return the options of ``evaluate`` that make this plan."""
@@ -105,6 +180,8 @@ class Plan:
                 words += ["--episodes", str(self.episodes)]
         if self.seed != suite.seed:
             words += ["--seed", str(self.seed)]
+        if self.objects:
+            words += ["--objects", self.objects.source or self.objects.name]
         return (*words, *self.conditions.as_options(), *self.limits.as_options())
 
     def mistake(self) -> tuple[str, str]:
@@ -118,6 +195,8 @@ class Plan:
             return "episodes", f"a run has 1 to {MAX_EPISODES} per task"
         if self.chosen and not self._chooses(replace(suite, episodes_per_task=self.episodes)):
             return "chosen", f"they are not episodes of {suite.name} in its order"
+        if self.objects and (mistake := self.objects.mistake(self.tasks)):
+            return "objects", mistake
         return "", ""
 
     def _chooses(self, suite: SuiteSpec) -> bool:
@@ -131,16 +210,20 @@ class Plan:
 
 
 def suite_episodes(
-    suite: SuiteSpec, *, exploration: bool = False, chosen: Sequence[str] = ()
+    suite: SuiteSpec,
+    *,
+    exploration: bool = False,
+    chosen: Sequence[str] = (),
+    objects: PlannedObjects | UnsetType = UNSET,
 ) -> tuple[EpisodeSpec, ...]:
     """Return the episodes of a suite, task by task; with ``exploration`` those of that role too.
 
     Both roles face the same episodes. Playing has no exploration metric. ``chosen`` names
-    those to return, as in "pushing/17"; without it all.
+    those to return, as in "pushing/17"; without it all. ``objects`` replace the tasks' own.
     """
     wanted = frozenset(chosen)
     final = tuple(
-        _episode(suite, task, index)
+        _episode(suite, task, index, objects)
         for task in suite.tasks
         for index in range(suite.episodes_per_task)
         if not wanted or f"{task}/{index}" in wanted
@@ -152,24 +235,31 @@ def suite_episodes(
     )
 
 
-def _episode(suite: SuiteSpec, task: str, index: int) -> EpisodeSpec:
-    """Return an episode with its object: the task's own, or a shape of the set."""
+def _episode(
+    suite: SuiteSpec, task: str, index: int, chosen: PlannedObjects | UnsetType
+) -> EpisodeSpec:
+    """Return an episode with its object: one of those chosen, the task's own, or a shape."""
     words = (suite.name, task, index, suite.seed)
     spec = EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
     objects = PROTOCOL.task(task).default_objects
-    if suite.novel_shapes:
+    if chosen:
+        name = chosen.shapes[index % len(chosen.shapes)]
+        if chosen.source or name == CUBE:
+            return replace(spec, shape=name)
+        shape = manifest.canonical_shape_set().by_name(name)
+    elif suite.novel_shapes:
         shape = _novel_shape(suite.name, index)
     elif objects in ("", CUBE):
         return replace(spec, shape=objects)
     else:
-        shapes = canonical_shape_set().split(objects)
+        shapes = manifest.canonical_shape_set().split(objects)
         shape = shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
     return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
 
 
-def _novel_shape(suite: str, index: int) -> Shape:
+def _novel_shape(suite: str, index: int) -> manifest.Shape:
     """Take each held-out shape once (even indices), and as many drawn train shapes."""
-    shapes = canonical_shape_set()
+    shapes = manifest.canonical_shape_set()
     held_out, train = shapes.split(Split.HELD_OUT), shapes.split(Split.TRAIN)
     turn = (index // 2) % len(held_out)
     if index % 2 == 0:
@@ -186,14 +276,15 @@ def make_plan(
     *,
     conditions: Perturbation = UNPERTURBED,
     limits: PolicyLimits = USUAL_LIMITS,
+    objects: manifest.Objects | None = None,
 ) -> Plan:
     """Return a plan of what a user asks for; None and () for what the suite has.
 
     ``episodes_from``: only these episodes, as in ("pushing/3,17", "opening/0"), in place of tasks
-    and a number.
+    and a number. With ``objects``, the tasks are by default those that have an object to choose.
 
     Raises:
-        UsageError: there is no such suite, task or episode.
+        UsageError: there is no such suite, task or episode, or there are no such objects.
     """
     known = PROTOCOL.suite(suite)
     chosen = choose_episodes(episodes_from, known)
@@ -202,7 +293,9 @@ def make_plan(
     number = known.episodes_per_task if episodes is None else episodes
     if not 1 <= number <= MAX_EPISODES or (seed or 0) < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
-    return Plan(
+    if objects is not None and not chosen and tasks is None:
+        tasks = [task for task in known.tasks if PROTOCOL.task(task).default_objects]
+    plan = Plan(
         suite,
         choose_tasks(_tasks_of(chosen) or tasks, known),
         number,
@@ -210,7 +303,11 @@ def make_plan(
         chosen,
         conditions,
         limits,
+        UNSET if objects is None else PlannedObjects.of(objects),
     )
+    if plan.objects and (mistake := plan.objects.mistake(plan.tasks)):
+        raise UsageError(f"{mistake}: leave it out, or leave out --objects")
+    return plan
 
 
 def _tasks_of(chosen: Sequence[str]) -> list[str]:

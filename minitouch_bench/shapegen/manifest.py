@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, MIB, cache_directory, cache_errors, read_file, replace_file
 from minitouch_bench.json_io import fault_in_words, whole
-from minitouch_bench.protocol.spec import Split, content_digest
+from minitouch_bench.protocol.spec import CUBE, Split, content_digest
 from minitouch_bench.shapegen.body_codec import (
     Body,
     body_files,
@@ -162,6 +162,13 @@ class ShapeSet:
         raise UsageError(f"shape set '{self.name}' has no shape '{name}'")
 
 
+Objects = str | Sequence[str] | Sequence[Shape] | ShapeSet
+"""What objects can be named by: "cube", a split, a set or its folder, or a list of shapes."""
+
+ALL = "all"
+"""The name of every shape of the canonical set."""
+
+
 class _Manifest(Struct):
     name: str
     count: int
@@ -206,6 +213,32 @@ def canonical_shape_set() -> ShapeSet:
         if (folder / MANIFEST).is_file():
             return load_shape_set(folder)
     raise UsageError(f"the shape set {CANONICAL} is not installed; reinstall minitouch-bench")
+
+
+def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
+    """Return the shapes of a split, of a whole set or its folder, or those listed.
+
+    Raises:
+        UsageError: there is no such split, set or shape, or none is listed.
+    """
+    if isinstance(chosen, ShapeSet):
+        return chosen.shapes
+    if isinstance(chosen, str):
+        if chosen in (ALL, *Split):
+            canonical = canonical_shape_set()
+            return canonical.shapes if chosen == ALL else canonical.split(chosen)
+        if not Path(chosen).is_dir():
+            known = ", ".join((CUBE, *Split, ALL))
+            raise UsageError(
+                f"no objects '{chosen}'; there are {known}, folders of shape sets, and in Python "
+                "lists of shapes"
+            )
+        return load_shape_set(chosen).shapes
+    if not isinstance(chosen, Sequence) or not chosen:
+        raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")
+    return tuple(
+        item if isinstance(item, Shape) else canonical_shape_set().by_name(item) for item in chosen
+    )
 
 
 def _digest_of(folder: Path, names: tuple[str, ...]) -> str:

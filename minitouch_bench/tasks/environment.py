@@ -14,6 +14,7 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.shapegen.manifest import Objects
 from minitouch_bench.simulation.bodies import add_table, stock_panda
 from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.observation import (
@@ -33,7 +34,6 @@ from minitouch_bench.tasks.pushing import Pushing
 from minitouch_bench.tasks.task import (
     ObjectModel,
     ObjectPool,
-    Objects,
     Task,
 )
 
@@ -62,8 +62,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     numbers are accepted everywhere (see ``fit_action``).
 
     ``objects``: "cube" (the task's own), a split of the canonical shape set ("train",
-    "held-out", "all"), the names of its shapes, or a set of your own as
-    ``shapegen.manifest.load_shape_set`` reads it; None takes the task's default.
+    "held-out", "all"), the names of its shapes, or a set of your own: its
+    folder, or what ``shapegen.manifest.load_shape_set`` reads; None takes the task's default.
     ``reset(options={"object": name})`` asks for one object; without it one is drawn.
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
     ``perturbation`` may change the object's mass and friction and turn the camera.

@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,24 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL, CubeSpec, TabletopSpec
-from minitouch_bench.protocol.spec import CUBE, Split, TaskSpec, Workspace
+from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.shapegen.manifest import (
+    Objects,
     Shape,
     ShapeSet,
     canonical_shape_set,
+    choose_shapes,
 )
 from minitouch_bench.shapegen.mesh import Mesh, Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import cube_urdf
 from minitouch_bench.simulation.client import Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
-
-Objects = str | Sequence[str] | Sequence[Shape] | ShapeSet
-"""What an environment's objects can be named by."""
-
-ALL = "all"
-"""The name of every shape of the canonical set."""
 
 _CUBE_FACES = (
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
@@ -107,25 +101,6 @@ class ObjectPool:
     def draw(self, rng: np.random.Generator) -> ObjectModel:
         """Return one object, all equally likely."""
         return self.model(self.names[int(rng.integers(len(self.names)))])
-
-
-def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
-    """Return the shapes of a split, of a whole set, or those listed.
-
-    Raises:
-        UsageError: there is no such split or shape, or none is listed.
-    """
-    if isinstance(chosen, ShapeSet):
-        return chosen.shapes
-    canonical = canonical_shape_set()
-    if isinstance(chosen, str):
-        if chosen not in (ALL, *Split):
-            known = ", ".join((CUBE, *Split, ALL))
-            raise UsageError(f"no objects '{chosen}'; there are {known}, and lists of shapes")
-        return canonical.shapes if chosen == ALL else canonical.split(chosen)
-    if not isinstance(chosen, Sequence) or not chosen:
-        raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")
-    return tuple(item if isinstance(item, Shape) else canonical.by_name(item) for item in chosen)
 
 
 def shape_model(shape: Shape) -> ObjectModel:

@@ -26,7 +26,7 @@ from minitouch_bench.policies.process import isolate, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.runs.plan import make_plan, suite_episodes
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.client import BUILDS
 from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
@@ -155,7 +155,7 @@ def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
         size = PROTOCOL.task(spec.task).action_size
         rng = np.random.default_rng(spec.seed)
         actions[spec] = rng.uniform(-1, 1, (STEPS, size)).astype(np.float32)
-    return specs, Recording(actions)
+    return specs, Recording(actions, make_plan("smoke"))
 
 
 def _bits(played: Iterable[PlayedEpisode]) -> dict[str, str]:

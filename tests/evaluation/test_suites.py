@@ -11,7 +11,8 @@ from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
 from minitouch_bench.runs.run import why_unofficial
-from minitouch_bench.shapegen.manifest import canonical_shape_set
+from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
+from tests.shapegen.conftest import subset
 
 TABLE4 = PROTOCOL.suite("table4")
 
@@ -115,6 +116,8 @@ def test_what_makes_a_run_unofficial_is_said():
             conditions=Perturbation(("forces",), noise=2.5, mass=(0.5, 2.0)),
             limits=PolicyLimits(act_timeout_s=2.0, episode_timeout_s=100.0),
         ),
+        make_plan("smoke", ["pick-up"], objects="cube"),
+        make_plan("table4", objects="held-out"),
     ],
     ids=lambda plan: " ".join(plan.as_options()),
 )
@@ -130,6 +133,36 @@ def test_the_options_of_a_plan_make_it_again(plan, monkeypatch):
     with pytest.raises(UsageError, match="enough"):
         command.main(["evaluate", "zero", *plan.as_options()], standalone_mode=False)
     assert made == [plan]
+
+
+def test_own_objects_are_taken_in_turn_in_the_tasks_that_have_one(tmp_path):
+    shapes = load_shape_set(subset(tmp_path / "set", 8))
+    plan = make_plan("table4", episodes=10, objects=shapes)
+    names = [shape.name for shape in shapes.shapes]
+    assert plan == make_plan("table4", episodes=10, objects=str(tmp_path / "set"))
+    assert plan.tasks == ("playing", "pushing", "pick-up")
+    assert [spec.shape for spec in plan.specs()[:10]] == [*names, *names[:2]]
+    assert {(spec.family, spec.split) for spec in plan.specs()} == {("", "")}  # new to any policy
+    assert plan.why_unofficial()[-1] == f"objects set {shapes.digest[:12]}"
+    assert plan.load_objects().digest == shapes.digest
+    other = subset(tmp_path / "other", 9)
+    other.rename(tmp_path / "swap")
+    (tmp_path / "set").rename(other)
+    with pytest.raises(UsageError, match="gone"):
+        plan.load_objects()
+    (tmp_path / "swap").rename(tmp_path / "set")
+    with pytest.raises(UsageError, match="not the set of the run"):
+        plan.load_objects()
+
+
+def test_shapes_of_this_package_keep_their_split():
+    plan = make_plan("table4", ["pushing"], 3, objects=["shape-0003", "shape-0001"])
+    assert [spec.shape for spec in plan.specs()] == ["shape-0003", "shape-0001", "shape-0003"]
+    assert {spec.split for spec in plan.specs()} <= {"train", "held-out"}
+    assert plan.load_objects() is None
+    assert replace(plan, tasks=("opening",)).mistake()[0] == "objects"
+    with pytest.raises(UsageError, match="opening has no object"):
+        make_plan("table4", ["opening"], objects="cube")
 
 
 def test_tasks_are_chosen_in_the_suite_s_order():

@@ -17,9 +17,10 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.shapegen.manifest import choose_shapes
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, TASK_CLASSES, MiniTouchEnv
-from minitouch_bench.tasks.task import TabletopTask, choose_shapes
+from minitouch_bench.tasks.task import TabletopTask
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]
