@@ -10,15 +10,12 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.episode import PlayedEpisode
 from minitouch_bench.errors import CHECK_FAILED
-from minitouch_bench.files import make_folder
+from minitouch_bench.files import REPLAYS, make_folder
 
 if TYPE_CHECKING:
     pass
 
 STEP_HEADINGS = ("step", "action", "end effector (m)", "fingers (N)", "contact (ticks)", "object")
-
-REPLAYS = "replays"
-"""Folder of the videos that were made of a finished run."""
 
 
 def replay(

@@ -1,15 +1,18 @@
 """The command ``report``: finished runs beside each other in Table 4."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import REPORTS, list_videos
 from minitouch_bench.json_io import words
+
+if TYPE_CHECKING:
+    from minitouch_bench.runs.run import Run
 
 COMPARISON = REPORTS / "comparison"
 """Where the report of several runs is written without ``--output``."""
@@ -32,6 +35,14 @@ def report(
         str | None,
         typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
     ] = None,
+    forces: Annotated[
+        bool,
+        typer.Option(
+            "--forces",
+            help="Replay the recorded actions of runs without forces.csv, for “What the fingers "
+            "felt”.",
+        ),
+    ] = False,
     table_format: Annotated[
         str | None,
         typer.Option(
@@ -48,9 +59,12 @@ def report(
     formats = reporting.TABLE_FORMATS
     if table_format is not None and table_format not in formats:
         raise UsageError(f"no format '{table_format}'; there are {', '.join(formats)}")
-    if table_format is not None and output is not None:
-        raise UsageError("--format prints Table 4 and writes no page: leave --output out")
+    if table_format is not None and (output is not None or forces):
+        raise UsageError("--format prints Table 4 and writes no page: leave --output, --forces out")
     opened = [read_run(run) for run in runs]
+    if forces:
+        for one in opened:
+            _keep_forces(one)
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     directory = output or (reporting.view_directory(first) if is_single else COMPARISON)
     shown = reporting.build_report(
@@ -59,6 +73,7 @@ def report(
         names=None if names is None else words(names),
         tasks=words(tasks),
         metrics=words(metrics),
+        directory=directory,
     )
     if table_format is not None:
         print(formats[table_format](shown), end="")
@@ -66,3 +81,19 @@ def report(
     reporting.write_page(shown, directory)
     reporting.show_report(shown, data_console())
     note(f"report: {directory / 'report.html'}")
+
+
+def _keep_forces(run: "Run") -> None:
+    """Replay a run for its ``forces.csv``, unless it lies there."""
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.reporting.report import view_directory
+    from minitouch_bench.runs.forces import read_forces, write_forces
+    from minitouch_bench.verification.replay_check import replay_final
+
+    directory = view_directory(run.directory or Path())
+    if read_forces(run, directory):
+        return
+    with episode_progress() as callbacks, open_engine() as engine:
+        callbacks.phase("replaying", len(run.rows))
+        records = replay_final(run, engine, callbacks.episode)
+    write_forces(run, records, directory)

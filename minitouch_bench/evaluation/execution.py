@@ -28,6 +28,7 @@ from minitouch_bench.files import (
 from minitouch_bench.machine import installed_versions, machine_facts
 from minitouch_bench.policies.policy import computing_packages
 from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.runs.forces import write_forces
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import (
     Run,
@@ -120,7 +121,8 @@ def play_missing(
     """Play the episodes that are missing, and return the whole run.
 
     The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
-    ``actions.npz`` is written there at the end.
+    ``actions.npz`` and
+    ``forces.csv`` are written there at the end.
 
     Raises:
         InfrastructureError: the run is incomplete; what is done is kept.
@@ -148,10 +150,12 @@ def play_missing(
         wall_s=round(time.monotonic() - clock, 3),
     )
     in_order = tuple(records[spec] for spec in specs)
+    name = run_name(header) if directory is None else directory.resolve().name
+    run = make_run(header, environment, in_order, name, directory)
     if directory is not None:
         write_actions(in_order, directory)
-    name = run_name(header) if directory is None else directory.resolve().name
-    return make_run(header, environment, in_order, name, directory)
+        write_forces(run, in_order, directory)
+    return run
 
 
 def _refuse_hopeless(records: Sequence[PlayedEpisode]) -> None:

@@ -6,11 +6,10 @@ Its schema is published as ``docs/leaderboard.schema.json``.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from itertools import chain
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from minitouch_bench.episode import Count, Episode, Outcome, Sha256
+from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
@@ -21,7 +20,8 @@ from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.policy import BUILT_IN
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.reporting.episodes import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
 
 CEILING = "scripted"
@@ -53,48 +53,6 @@ class PublishedMethod:
 
     method: str
     values: tuple[PublishedValue, ...]
-
-
-class Ending(StrEnum):
-    """How an episode ended; each one has exactly one ending."""
-
-    tone: str
-    meaning: str
-
-    def __new__(cls, value: str, tone: str, meaning: str) -> Self:
-        """Make an ending with its color, and what it means."""
-        ending = str.__new__(cls, value)
-        ending._value_, ending.tone, ending.meaning = value, tone, meaning
-        return ending
-
-    # In the order of every table.
-    SUCCEEDED = "succeeded", "success", "the goal was reached"
-    TOUCHED = "touched", "touched", "Playing has no goal: a finger touched the object"
-    TOUCHED_FAILED = (
-        "touched, but failed", "failed", "a finger touched the object, the step limit came first",
-    )  # fmt: skip
-    LEFT = (
-        "object left the workspace", "left",
-        "a finger touched the object, which then left the workspace",
-    )  # fmt: skip
-    NEVER_TOUCHED = (
-        "never touched by a finger", "limit",
-        "no finger touched the object; the hand may have pushed it out of the workspace",
-    )  # fmt: skip
-    FAULT = "policy fault", "fault", "the policy raised, timed out or gave no valid action"
-
-
-def ending_of(episode: Episode) -> Ending:
-    """Return how an episode ended."""
-    if episode.outcome is Outcome.POLICY_FAULT:
-        return Ending.FAULT
-    if episode.success:
-        return Ending.SUCCEEDED
-    if not episode.touch_interaction:
-        return Ending.NEVER_TOUCHED
-    if episode.outcome is Outcome.LEFT_WORKSPACE:
-        return Ending.LEFT
-    return Ending.TOUCHED_FAILED if episode.task in GOAL_TASKS else Ending.TOUCHED
 
 
 def _repeats(others: tuple[str, ...]) -> str:

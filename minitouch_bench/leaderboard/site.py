@@ -6,19 +6,15 @@ The site is an index and a page per submission, each complete in itself.
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from minitouch_bench import files
-from minitouch_bench.episode import Episode, Role
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.json_io import read_json, write_json
@@ -28,8 +24,6 @@ from minitouch_bench.leaderboard.board import (
     TOUCH_METRICS,
     Board,
     BoardRow,
-    Ending,
-    ending_of,
     make_board,
 )
 from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
@@ -48,7 +42,8 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import charts, labels, tables
 from minitouch_bench.reporting.charts import Figure, Plot
-from minitouch_bench.reporting.figures import steps_plot, touch_plot
+from minitouch_bench.reporting.episodes import BrowsedRun, Ending, browser_data
+from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.pages import PICTURES, Card, make_card, render_page
 from minitouch_bench.reporting.report import Video
@@ -257,11 +252,10 @@ def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> st
     """Write the page of a submission, whose row is among so many ``ranked`` ones."""
     path = f"{found.directory.resolve().parent.name}/{row.name}"
     ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
-    occurring = set(chain(*row.endings.values()))
     return render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,
-        ("theme.js", "submission.js"),
+        ("theme.js", "episodes.js"),
         protocol=PROTOCOL.name,
         row=row,
         facts=COLUMN_SPECS,
@@ -272,16 +266,14 @@ def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> st
         level=list(ProofLevel).index(row.proof),
         meaning=MEANINGS[row.proof],
         cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
-        legend=tuple(
-            charts.LegendItem(ending.value, ending.tone, title=ending.meaning)
-            for ending in Ending
-            if ending in occurring
-        ),
+        legend=ending_legend(chain(*row.endings.values())),
         bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
         values=_values(row),
         gaps=_gaps(row) if row.novel_shapes else None,
         figures=submission_figures(found),
-        data=_data(found.runs, path),
+        episodes=browser_data(
+            [BrowsedRun(folder, run, f"{path}/{folder}") for folder, run in found.runs.items()]
+        ),
         videos=[
             Video(Path(video).stem.replace("-", " "), video_address(row.name, video))
             for video in found.videos()
@@ -338,47 +330,6 @@ def _gaps(row: BoardRow) -> Table:
     return Table("Novel shapes", ("Task", "Metric"), columns, tuple(rows))
 
 
-def _data(runs: Mapping[str, Run], path: str) -> Markup:
-    """Write the episodes as JSON that no reader of HTML takes for markup."""
-    document = {
-        "endings": [ending.value for ending in Ending],
-        "tones": [ending.tone for ending in Ending],
-        "runs": [
-            {
-                "title": folder,
-                "command": f"minitouch-bench replay {path}/{folder} EPISODE --video VIDEO",
-                "groups": list(_groups(run)),
-            }
-            for folder, run in runs.items()
-        ],
-    }
-    return htmlsafe_json_dumps(document, separators=(",", ":"), allow_nan=False)
-
-
-def _groups(run: Run) -> Iterator[dict[str, Any]]:
-    """Yield the episodes of each role and task, a list per column."""
-    numbers = {ending: number for number, ending in enumerate(Ending)}
-    for role, rows in run.by_role():
-        for task in dict.fromkeys(row.task for row in rows):
-            episodes = [row for row in rows if row.task == task]
-            shapes = [printable(row.shape) for row in episodes]
-            yield {
-                "key": task if role is Role.FINAL else f"exploration/{task}",
-                "index": [row.index for row in episodes],
-                "ending": [numbers[ending_of(row)] for row in episodes],
-                "steps": [row.steps for row in episodes],
-                "touch": [row.touch_interaction for row in episodes],
-                "first": [_seconds(row) for row in episodes],
-                "shapes": shapes if len(set(shapes)) > 1 else None,
-            }
-
-
-def _seconds(episode: Episode) -> float | None:
-    """Return the time of the first touch in few digits, None where there is none."""
-    tick = episode.first_touch_tick
-    return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)
-
-
 def _faults(runs: Mapping[str, Run]) -> Mapping[str, Sequence[str]]:
     """Return each fault's text with its episodes, which a run names where there are several."""
     return group_faults(
@@ -396,7 +347,10 @@ def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
             "episode-steps",
             "How long episodes last",
             "Share of the episodes by number of control steps, and by how they ended.",
-            tuple(_steps_plot(found, task) for task in BOARD_GOALS),
+            tuple(
+                steps_plot(task, {"": steps_by_ending(list(chain(*found.episodes(task))))})
+                for task in BOARD_GOALS
+            ),
         ),
         Figure(
             "touch-over-time",
@@ -406,10 +360,3 @@ def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
             tuple(touch_plot(task, found.runs_on(MAIN_SUITE)) for task in BOARD_TASKS),
         ),
     )
-
-
-def _steps_plot(found: SubmissionFindings, task: str) -> Plot:
-    panel: dict[str, list[int]] = {ending.tone: [] for ending in Ending}
-    for episode in chain(*found.episodes(task)):
-        panel[ending_of(episode).tone].append(episode.steps)
-    return steps_plot(task, {"": {tone: np.array(steps) for tone, steps in panel.items()}})

@@ -52,6 +52,15 @@ class Bar:
 
 
 @dataclass(frozen=True)
+class Band:
+    """The area inside a line through points."""
+
+    points: tuple[tuple[float, float], ...]
+    tone: str
+    opacity: float
+
+
+@dataclass(frozen=True)
 class Dot:
     """A point; ``label`` stands behind it, ``link`` is where a click leads."""
 
@@ -66,7 +75,7 @@ class Dot:
     title: str = ""
 
 
-Mark = Line | Bar | Dot
+Mark = Line | Bar | Band | Dot
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,17 @@
 """The figures of a report as data, and the plots that the leaderboard's pages show too."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Outcome
+from minitouch_bench.episode import Episode
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.reporting import charts
+from minitouch_bench.reporting import charts, labels
 from minitouch_bench.reporting.charts import (
     Chart,
     Figure,
@@ -20,13 +21,14 @@ from minitouch_bench.reporting.charts import (
     Plot,
     series_tone,
 )
+from minitouch_bench.reporting.episodes import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
 from minitouch_bench.reporting.run_tables import (
-    OUTCOME_TITLES,
     find_estimate,
     find_generalization,
     task_summary,
 )
+from minitouch_bench.runs.forces import ForceCurves, ForceStep
 from minitouch_bench.runs.run import Run
 
 BIN = 10
@@ -41,16 +43,22 @@ SPLIT_OFFSET = 0.17
 FAMILY_HEIGHT = 0.7
 """Share of a family's row that its runs take."""
 
-OUTCOME_TONES = {
-    Outcome.SUCCESS: "success",
-    Outcome.LEFT_WORKSPACE: "left",
-    Outcome.STEP_LIMIT: "limit",
-    Outcome.POLICY_FAULT: "fault",
-}
+FEWEST = 4
+"""Episodes of which a middle half can be drawn."""
+
+FREE_AIR = 1.0
+"""What a finger's force is where it touches nothing, N: its own weight."""
 
 
-def report_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
-    """Return the figures that every report has, of the tasks that have them."""
+def report_figures(
+    sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
+) -> tuple[Figure, ...]:
+    """Return the figures that every report has, of the tasks that have them.
+
+    ``forces``: what is known of each run's forces.
+    """
+    goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
+    rows = chain(*(section.run.rows for section in sections))
     figures = (
         Figure(
             "against-the-paper",
@@ -63,9 +71,8 @@ def report_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tupl
             "episode-steps",
             "How long episodes last",
             "Share of a run's episodes by number of control steps, and by how they ended.",
-            # Playing always lasts until the step limit.
-            tuple(_outcome_plot(task, sections) for task in tasks if task in GOAL_TASKS),
-            tuple(LegendItem(OUTCOME_TITLES[ended], tone) for ended, tone in OUTCOME_TONES.items()),
+            tuple(_outcome_plot(task, sections) for task in goals),
+            ending_legend(ending_of(row) for row in rows if row.task in goals),
         ),
         Figure(
             "touch-over-time",
@@ -76,7 +83,14 @@ def report_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tupl
             _run_legend(sections),
         ),
     )
-    return tuple(figure for figure in figures if figure.plots)
+    drawn = tuple(figure for figure in figures if figure.plots)
+    return (*drawn, _force_figure(sections, tasks, forces))
+
+
+def ending_legend(endings: Iterable[Ending]) -> tuple[LegendItem, ...]:
+    """Name the colors of the endings that occur."""
+    found = set(endings)
+    return tuple(LegendItem(e.value, e.tone, title=e.meaning) for e in Ending if e in found)
 
 
 def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
@@ -161,11 +175,16 @@ def _outcome_plot(task: str, sections: Sequence[RunSection]) -> Plot:
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
         episodes = [episode for episode in section.run.rows if episode.task == task]
-        panels[name if len(sections) > 1 else ""] = {
-            tone: np.array([e.steps for e in episodes if e.outcome is outcome], np.int64)
-            for outcome, tone in OUTCOME_TONES.items()
-        }
+        panels[name if len(sections) > 1 else ""] = steps_by_ending(episodes)
     return steps_plot(task, panels)
+
+
+def steps_by_ending(episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64]]:
+    """Return the control steps of the episodes, by the color of how they ended."""
+    return {
+        ending.tone: np.array([e.steps for e in episodes if ending_of(e) is ending], np.int64)
+        for ending in Ending
+    }
 
 
 def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
@@ -209,10 +228,10 @@ def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
     summaries = [task_summary(run, task) for run in runs]
     curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in summaries]
     highest = max((value for curve, _ in curves for value in curve), default=0.0)
-    longest = max([PROTOCOL.task(task).max_steps, *(len(curve) for curve, _ in curves)])
+    longest = max(1, *(len(curve) for curve, _ in curves))
     marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
     y = charts.value_axis("Ticks per step", highest)
-    chart = Chart(charts.step_axis(longest), y, marks, 112)
+    chart = Chart(charts.value_axis("Control steps", longest), y, marks, 112)
     what = f"{task_title(task)}: mean contact ticks at each control step"
     return Plot(task_title(task), what, (chart,))
 
@@ -220,11 +239,63 @@ def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
 def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[Line]:
     points, tone = tuple(enumerate(curve)), series_tone(index)
     least = FEW * reached[0] if reached else 0.0
-    certain = next((step for step, number in enumerate(reached) if number < least), len(points))
-    if points[:certain]:
-        yield Line(points[:certain], tone, 1.4)
-    if points[certain:]:
-        yield Line(points[max(0, certain - 1) :], tone, 1.1, 0.35)
+    for part, is_faint in _parts(reached or (1,) * len(curve), least):
+        yield Line(points[part], tone, *((1.1, 0.35) if is_faint else (1.4,)))
+
+
+def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
+    """Yield the part of a curve that enough episodes reached, then the rest, which is faint."""
+    certain = next((step for step, number in enumerate(reached) if number < least), len(reached))
+    if certain:
+        yield slice(0, certain), False
+    if certain < len(reached):
+        yield slice(max(0, certain - 1), len(reached)), True
+
+
+def _force_figure(
+    sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
+) -> Figure:
+    """Return the forces of the runs that have any, and say how to get those of the others."""
+    clipped = [f"{PROTOCOL.task(task).force_limit:g} N in {task_title(task)}" for task in tasks]
+    text = (
+        "The larger of the two fingers' forces at the end of each control step: median (line) and "
+        "middle half (band) of the episodes that reached it; faint where fewer than a tenth, or "
+        f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
+        f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
+    )
+    missing = [one.name for one, curves in zip(sections, forces, strict=True) if not curves]
+    if missing:
+        text = (text + " ") * (len(missing) < len(sections)) + (
+            f"No forces lie beside {labels.listed(missing)}; run.json has none. The command "
+            "“minitouch-bench report RUN --forces” replays the recorded actions, without the "
+            "policy, and draws them here."
+        )
+    plots = tuple(
+        _force_plot(task, [curves.get(task, ()) for curves in forces])
+        for task in tasks
+        if any(curves.get(task) for curves in forces)
+    )
+    legend = _run_legend(sections) if plots else ()
+    return Figure("forces", "What the fingers felt", text, plots, legend)
+
+
+def _force_plot(task: str, curves: Sequence[Sequence[ForceStep]]) -> Plot:
+    """Draw the median force at each control step and the middle half around it, by run."""
+    marks: list[Mark] = []
+    for tone, steps in zip(map(series_tone, range(len(curves))), curves, strict=True):
+        low, middle, high = (
+            tuple(enumerate(getattr(step, name) for step in steps))
+            for name in ("lower_quartile", "median", "upper_quartile")
+        )
+        reached = [step.episodes for step in steps]
+        for part, is_faint in _parts(reached, max(FEWEST, FEW * max(reached, default=0))):
+            band = (*low[part], *reversed(high[part]))
+            marks.append(charts.Band(band, tone, 0.12 if is_faint else 0.25))
+            marks.append(Line(middle[part], tone, *((1.1, 0.35) if is_faint else (1.4,))))
+    y = charts.value_axis("Force, N", max(step.upper_quartile for one in curves for step in one))
+    x = charts.value_axis("Control steps", max(map(len, curves)))
+    chart = Chart(x, y, tuple(marks), 112)
+    return Plot(task_title(task), f"{task_title(task)}: force at each control step", (chart,))
 
 
 def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:

@@ -11,8 +11,8 @@ from dataclasses import astuple, dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
+from markupsafe import Markup
 from rich.console import Console
 
 from minitouch_bench import files
@@ -21,9 +21,16 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, run_tables, tables
 from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.episodes import (
+    BrowsedRun,
+    browser_data,
+    find_viewers,
+    relative_address,
+)
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.pages import TEMPLATES, Card, image_uri, make_card, render_page
 from minitouch_bench.reporting.tables import Block, Cell, Column, Row, Table
+from minitouch_bench.runs.forces import ForceCurves, read_forces
 from minitouch_bench.runs.run import Run
 
 
@@ -40,7 +47,8 @@ class Report:
     """What every form of a report shows.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
-    run has both splits. ``episodes``: a table per run.
+    run has both splits. ``episodes``: what the page's browser shows. ``forces``: what is known of
+    each run's forces.
     """
 
     tasks: tuple[str, ...]
@@ -49,7 +57,8 @@ class Report:
     table4: Table
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
-    episodes: tuple[Table, ...]
+    episodes: Markup
+    forces: tuple[ForceCurves, ...]
     videos: tuple[Video, ...]
 
 
@@ -60,8 +69,12 @@ def build_report(
     names: Sequence[str] | None = None,
     tasks: Sequence[str] = (),
     metrics: Sequence[str] = (),
+    directory: Path | None = None,
 ) -> Report:
     """Compose the report of one or several runs.
+
+    ``directory``: where its page will be written, with what lies beside the runs: viewers of
+    episodes and ``forces.csv``. Without it the report has neither.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
     those of Table 4, () for the usual ones.
@@ -88,9 +101,22 @@ def build_report(
         table4=run_tables.table4(sections, tasks, metrics),
         diagnostics=run_tables.diagnostics(sections, tasks),
         novel_shapes=run_tables.novel_shapes(sections, tasks),
-        episodes=tuple(run_tables.episode_table(section, tasks) for section in sections),
+        episodes=browser_data([_browsed(section, directory) for section in sections], tasks),
+        forces=tuple(_forces(run) if directory else {} for run in runs),
         videos=tuple(videos),
     )
+
+
+def _browsed(section: labels.RunSection, page: Path | None) -> BrowsedRun:
+    run, there = section.run, section.run.directory
+    if page is None or there is None:
+        return BrowsedRun(section.name, run, "RUN")
+    viewers = find_viewers(run, view_directory(there) / files.REPLAYS, page)
+    return BrowsedRun(section.name, run, "RUN", relative_address(there, page), viewers)
+
+
+def _forces(run: Run) -> ForceCurves:
+    return {} if run.directory is None else read_forces(run, view_directory(run.directory))
 
 
 def _protocol_of(run: Run) -> str:
@@ -115,7 +141,8 @@ def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> None:
     """
     rows = tables.rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
     files.write_file(directory / files.EPISODES_FILE, rows)
-    write_page(build_report([run], find_videos(videos, directory)), directory)
+    report = build_report([run], find_videos(videos, directory), directory=directory)
+    write_page(report, directory)
 
 
 def write_page(report: Report, directory: Path) -> None:
@@ -132,7 +159,7 @@ def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
     return tuple(
         Video(
             caption=printable(file.stem.replace("_", " ")),
-            address=quote(Path(os.path.relpath(file, directory)).as_posix()),
+            address=relative_address(file, directory),
         )
         for file in sorted(videos)
     )
@@ -142,9 +169,10 @@ def to_html(report: Report) -> str:
     """Write a report as one self-contained page that opens offline."""
     return render_page(
         TEMPLATES / "report.html.j2",
+        scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks),
+        figures=report_figures(report.sections, report.tasks, report.forces),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )

@@ -24,13 +24,10 @@ from minitouch_bench.metrics.summary import (
 )
 from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
-from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table, make_row
+from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.runs.run import Run
 
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
-
-EPISODE_METRICS = ("episode_steps", "return", "touch_interaction", "touch_share")
-"""What a page shows of each episode."""
 
 NO_DIFFERENCE = "no difference seen"
 """The verdict on a gap whose interval holds 0."""
@@ -135,30 +132,6 @@ def _diagnostic_cells(summary: TaskResult) -> Iterator[Cell]:
     )
     yield Cell(", ".join(ended) or ABSENT)
     yield Cell(str(summary.outcomes.get(Outcome.POLICY_FAULT, 0)))
-
-
-def episode_table(section: RunSection, tasks: Sequence[str]) -> Table:
-    """List a run's episodes, as ``replay`` calls them."""
-    metrics = [METRICS[name] for name in EPISODE_METRICS]
-    rows = []
-    for episode in section.run.rows:
-        if episode.task in tasks:
-            texts = [_value_text(metric.name, metric.value(episode)) for metric in metrics]
-            name, ended = f"{episode.task}/{episode.index}", OUTCOME_TITLES[episode.outcome]
-            rows.append(make_row(printable(name), printable(episode.shape), ended, *texts))
-    columns = (
-        Column("Shape", is_text=True),
-        Column("Outcome", is_text=True),
-        *(Column(metric.label, unit=metric.unit) for metric in metrics),
-    )
-    return Table(f"Episodes of {section.name}", ("Episode",), columns, tuple(rows))
-
-
-def _value_text(metric: str, value: float | None) -> str | None:
-    """Write the value of one episode: a count without decimals."""
-    if value is None:
-        return None
-    return labels.format_value(metric, value) if isinstance(value, float) else str(value)
 
 
 def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Table, ...]:

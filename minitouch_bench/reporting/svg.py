@@ -189,6 +189,9 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             bottom, top = frame.y(mark.bottom), frame.y(mark.top)
             corners = ((left, bottom), (left, top), (right, top), (right, bottom))
             yield _path(f"area {mark.tone}", corners)
+        case charts.Band():
+            outline = [(frame.x(x), frame.y(y)) for x, y in mark.points]
+            yield _path(f"area {mark.tone}", outline, f' opacity="{mark.opacity:g}"')
         case charts.Dot():
             yield _dot(mark, frame.x(mark.x), frame.y(mark.y))
 

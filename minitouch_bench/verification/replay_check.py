@@ -92,6 +92,31 @@ def replay_episode(run: Run, key: str) -> PlayedEpisode:
         return runner.run(spec)
 
 
+def replay_final(
+    run: Run, engine: Engine, on_record: Callable[[PlayedEpisode], None] = lambda _: None
+) -> list[PlayedEpisode]:
+    """Replay the final policy's episodes in the run's order; ``on_record`` takes them as they end.
+
+    Raises:
+        UsageError: the run cannot be replayed here.
+        RunDirectoryError: a file of it is missing or damaged.
+        IncompleteCheckError: its actions do not give its episodes on this machine.
+        InfrastructureError: an episode could not be replayed.
+    """
+    refuse_unplayable(run)
+    specs = [spec for spec in run.header.specs() if spec.role is Role.FINAL]
+    records = {}
+    for record in engine.run(Recording.of(run, specs), specs):
+        if not is_as_recorded(run, record):
+            raise IncompleteCheckError(
+                f"{run.name}: the recorded actions of {record.spec.key} do not give its episode; "
+                "“minitouch-bench verify” says more"
+            )
+        records[record.spec] = record
+        on_record(record)
+    return [records[spec] for spec in specs]
+
+
 def is_as_recorded(run: Run, replayed: PlayedEpisode) -> bool:
     """Say whether the bits and the outcome of a replayed episode are those of the run's row."""
     _, row = run.find(replayed.spec.key)

@@ -2,7 +2,6 @@
 
 import html
 import re
-import shlex
 from pathlib import Path
 
 import pytest
@@ -58,9 +57,8 @@ def test_the_command_on_a_submission_s_page_records_a_video_of_its_episode(insid
     root = inside.parents[1]
     build_board(Path("submissions"), Path("board"))
     page = html.unescape(Path("board/submission/hac.html").read_text())
-    (command,) = re.findall(r'"command":"(minitouch-bench [^"]*)"', page)
-    _, *words = shlex.split(command.replace("EPISODE", shortest(RUN)).replace("VIDEO", "one.gif"))
-    done = run(*words, directory=root)
+    (path,) = re.findall(r'"path":"([^"]*)"', page)
+    done = run("replay", path, shortest(RUN), "--video", "one.gif", directory=root)
     assert done.out == "one.gif\n"
     assert "NOT the bits" in done.err  # nobody simulated these episodes
     assert (root / "one.gif").stat().st_size > 1000

@@ -160,11 +160,10 @@ def test_a_row_is_opened_and_a_replay_command_followed(index):
     index.run("document.getElementById('by-task').value = 'pushing'")
     index.run("document.getElementById('by-task').dispatchEvent(new Event('change'))")
     assert text(index, ".episode-section .count") == "100 episodes"
-    index.click(".episodes tbody tr:nth-child(4) .pick")
+    assert text(index, ".episodes tbody td:nth-child(2)") == "policy fault"  # failures come first
+    index.click(".episodes tbody tr:nth-child(2) .pick")
     command = text(index, "#replay-command")
-    assert command == (
-        "minitouch-bench replay submissions/hac/seed-0/table4 pushing/3 --video pushing-3.gif"
-    )
+    assert command == "minitouch-bench replay submissions/hac/seed-0/table4 pushing/1"
     assert index.run("document.querySelectorAll('[aria-selected=true]').length") == 1
     assert [line for line in index.messages if "hac.html" in line and "mp4" not in line] == []
 

@@ -6,6 +6,7 @@ import pytest
 from minitouch_bench.reporting.charts import Bar, Dot
 from minitouch_bench.reporting.figures import report_figures, split_figures, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
+from minitouch_bench.runs.forces import ForceStep
 
 
 def parts(*runs):
@@ -50,21 +51,39 @@ def test_a_touch_curve_is_faint_where_few_episodes_are_left(hac, reached):
 
 
 def test_the_figures_name_their_units_and_the_paper_is_never_on_an_axis_of_touch(hac):
-    figures = report_figures(*parts(hac))
+    forces = {"pushing": [ForceStep(20, 0.98, 1.0, 7.5), ForceStep(1, 2.0, 2.0, 2.0)]}
+    figures = report_figures(*parts(hac), [forces])
     axes = [figure.plots[0].charts[0] for figure in figures]
     assert [(chart.x.label, chart.y.label) for chart in axes] == [
         ("Success, share of episodes", ""),
         ("Control steps", "Episodes, %"),
         ("Control steps", "Ticks per step"),
+        ("Control steps", "Force, N"),
     ]
+    assert [item.text for item in figures[1].legend][-1] == "policy fault"
+    assert "never touched by a finger" not in [item.text for item in figures[1].legend]
     rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in figures[0].plots}
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
     assert figures[2].legend == ()  # one run
 
 
+def test_forces_are_a_band_around_a_line_and_faint_where_few_episodes_are_left(hac, scripted):
+    steps = [ForceStep(n, 1.0 * i, 2.0 * i, 3.0 * i) for i, n in enumerate((20, 18, 1))]
+    forces = report_figures(*parts(hac, scripted), [{"pushing": steps}, {}])[-1]
+    band, line, faint_band, faint_line = forces.plots[0].charts[0].marks
+    assert band.points == ((0, 0.0), (1, 1.0), (1, 3.0), (0, 0.0))
+    assert line.points == ((0, 0.0), (1, 2.0))
+    assert faint_line.points == ((1, 2.0), (2, 4.0))
+    assert faint_band.opacity < band.opacity
+    assert "beside scripted" in forces.text
+    assert "--forces" in forces.text
+    nothing = report_figures(*parts(hac), [{}])[-1]
+    assert (nothing.plots, nothing.legend) == ((), ())
+
+
 def test_every_run_has_a_panel_of_its_own(hac, scripted):
-    steps = report_figures(*parts(hac, scripted))[1].plots[0]
+    steps = report_figures(*parts(hac, scripted), [{}, {}])[1].plots[0]
     assert [chart.title for chart in steps.charts] == ["hac-seed1", "scripted"]
     total = [sum(bar.top - bar.bottom for bar in bars(chart)) for chart in steps.charts]
     assert total == pytest.approx([100, 100])

@@ -73,16 +73,6 @@ def test_diagnostics_have_a_row_a_task_and_run(hac, scripted):
     assert row(table, "Opening").cells[labels.index("Object movement")].text.endswith("rad²")
 
 
-def test_the_episodes_are_listed_as_replay_calls_them(hac):
-    (table,) = build_report([hac]).episodes
-    assert len(table.rows) == len(hac.rows)
-    first = hac.rows[0]
-    assert table.rows[0].heads == (f"{first.task}/{first.index}",)
-    texts = [cell.text for cell in table.rows[0].cells]
-    assert texts[2] == str(first.steps)  # a count has no decimals
-    assert texts[4] == str(first.touch_interaction)
-
-
 @pytest.mark.parametrize(
     ("task", "metric", "low", "high", "words"),
     [

@@ -1,0 +1,71 @@
+"""The browser of episodes on a run's own page, in a real browser."""
+
+import time
+
+import pytest
+
+from minitouch_bench.reporting.report import build_report, write_page
+from tests.leaderboard.browser import CHROMIUM, Browser
+from tests.reporting.synthetic import make_run, write
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs a browser: apt-get install chromium"
+)
+CELLS = "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[{}].textContent)"
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """The page of a run that has a viewer, and one of two runs elsewhere."""
+    root = tmp_path_factory.mktemp("two words")
+    runs = [write(make_run(name, faults=2), root / name) for name in ("hac", "rnd")]
+    (root / "hac/replays").mkdir()
+    (root / "hac/replays/pushing-1.html").write_text("<title>the viewer</title>")
+    write_page(build_report(runs[:1], directory=root / "hac"), root / "hac")
+    write_page(build_report(runs, directory=root / "comparison"), root / "comparison")
+    return root
+
+
+@pytest.fixture
+def browser(tmp_path):
+    opened = Browser(tmp_path / "profile")
+    opened.screen(1280, 900)
+    yield opened
+    opened.close()
+
+
+def choose(browser, name, value):
+    box = f"document.getElementById('{name}')"
+    browser.run(f"{box}.value = '{value}'; {box}.dispatchEvent(new Event('change'))")
+
+
+def test_failures_come_first_and_a_viewer_opens_where_there_is_one(browser, pages):
+    browser.open(pages / "hac/report.html")
+    assert browser.run(CELLS.format(1))[:3] == ["policy fault"] * 2 + ["never touched by a finger"]
+    choose(browser, "by-ending", "failures")
+    ended = set(browser.run(CELLS.format(1)))
+    assert "policy fault" in ended
+    assert not ended & {"succeeded", "touched"}
+    assert browser.run("document.getElementById('by-run').parentElement.hidden")
+    choose(browser, "by-task", "pushing")
+    assert browser.run(CELLS.format(7))[:2] == ["Replay", "View"]
+    browser.click(".episodes tbody button.pick")
+    assert browser.run("document.getElementById('replay-command').textContent") == (
+        f"minitouch-bench replay '{pages}/hac' pushing/0"
+    )
+    assert browser.messages == []
+    browser.click(".episodes tbody a.pick")
+    deadline = time.monotonic() + 20
+    while browser.run("document.title") != "the viewer":
+        assert time.monotonic() < deadline
+
+
+def test_a_page_of_several_runs_leads_to_each(browser, pages):
+    browser.open(pages / "comparison/report.html")
+    choose(browser, "by-run", "1")
+    browser.click(".episodes tbody button.pick")
+    command = browser.run("document.getElementById('replay-command').textContent")
+    assert command == f"minitouch-bench replay '{pages}/rnd' pushing/0"
+    assert browser.run("document.documentElement.scrollWidth") <= 1280
+    browser.screen(390, 800)
+    assert browser.run("document.documentElement.scrollWidth") <= 390
