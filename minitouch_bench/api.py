@@ -1,7 +1,7 @@
 """The Python front door: ``import minitouch_bench as mt`` gives these names."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from minitouch_bench import files
+from minitouch_bench.cli.console import episode_progress, is_watched, training_progress
 from minitouch_bench.comparison.comparison import (
     Comparison,
     compare_runs,
@@ -78,6 +79,7 @@ def evaluate(
     trust: bool = False,
     act_timeout: float = ACT_TIMEOUT_S,
     episode_timeout: float = EPISODE_TIMEOUT_S,
+    progress: bool | None = None,
     callbacks: Callbacks = SILENT,
 ) -> Run:
     """Run a policy through a suite, and keep the run in a directory if one is given.
@@ -86,8 +88,9 @@ def evaluate(
     ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
     a torch module on (image, touch). An object runs beside the simulator, so the run is
     unofficial. Without ``output`` the run is kept in memory only, and is lost if interrupted;
-    "auto" stands for ``reports/POLICY-SUITE``. ``objects`` are what ``make`` takes.
-    The other options are those of the command line.
+    "auto" stands for ``reports/POLICY-SUITE``. ``objects`` are what ``make`` takes. ``progress`` is
+    shown on stderr, or in the notebook; None: where a terminal or a notebook is attached and no
+    ``callbacks`` are given. The other options are those of the command line.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -108,6 +111,9 @@ def evaluate(
         limits=isolated.limits,
         objects=objects,
     )
+    showing = ExitStack()
+    if (is_watched() and callbacks is SILENT) if progress is None else progress:
+        callbacks = showing.enter_context(episode_progress())
     setup = prepare_policies(
         policy, plan, isolated, callbacks.note, exploration=exploration, name=name
     )
@@ -115,7 +121,11 @@ def evaluate(
     directory = None if output is None else Path(output)
     if str(output) == AUTO_OUTPUT:
         directory = files.REPORTS / run_name(header)
-    with opening as running, files.lock_directory(directory) if directory else nullcontext():
+    with (
+        showing,
+        opening as running,
+        files.lock_directory(directory) if directory else nullcontext(),
+    ):
         if directory and resume and not files.holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(header, directory, resume=resume, fresh=fresh)
@@ -168,12 +178,14 @@ def train(
     output: StrPath | None = None,
     resume: bool = False,
     device: str = "auto",
+    progress: bool | None = None,
     callbacks: "TrainingCallbacks | None" = None,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
     Returns the training's directory, which ``evaluate`` takes as a policy. ``settings`` change the
-    preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``. The other options
+    preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``. ``progress``: as in
+    ``evaluate``. The other options
     are those of the command line.
 
     Raises:
@@ -181,7 +193,7 @@ def train(
     """
     # Not at the top: an evaluation needs neither.
     from minitouch_bench.agents.config import apply_settings, make_config  # noqa: PLC0415
-    from minitouch_bench.agents.training import NO_CALLBACKS  # noqa: PLC0415
+    from minitouch_bench.agents.training import NO_CALLBACKS, TrainingCallbacks  # noqa: PLC0415
     from minitouch_bench.agents.training_directory import run_training  # noqa: PLC0415
 
     given = {
@@ -199,8 +211,12 @@ def train(
     name = "-".join((asked.task, asked.method, *(f"no-{sense}" for sense in asked.without)))
     usual = TRAININGS / f"{name}-{asked.seed}"
     directory = usual if output is None else Path(output)
-    callbacks = callbacks or NO_CALLBACKS
-    if not run_training(asked, directory, resume=resume, device=device, callbacks=callbacks):
+    with ExitStack() as showing:
+        if (is_watched() and callbacks is None) if progress is None else progress:
+            callbacks = TrainingCallbacks(**showing.enter_context(training_progress()))
+        callbacks = callbacks or NO_CALLBACKS
+        is_done = run_training(asked, directory, resume=resume, device=device, callbacks=callbacks)
+    if not is_done:
         raise InterruptedRunError(
             f"interrupted; what is learned is kept in {directory}, and the same command with "
             "--resume continues"

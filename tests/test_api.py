@@ -295,3 +295,10 @@ def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "opening/0 step_limit" in done.stdout
     assert (tmp_path / "reports" / "first" / "report.html").exists()
+
+
+def test_progress_is_shown_where_it_is_asked_for_and_nothing_where_nobody_watches(capsys):
+    mt.evaluate("zero", **SHORT)
+    assert capsys.readouterr().err == ""
+    mt.evaluate("zero", **SHORT, progress=True)
+    assert "1/1" in capsys.readouterr().err

@@ -24,8 +24,8 @@ FLOORS = (
     {"tasks"},
     {"runs", "policies"},
     {"evaluation", "reporting"},
-    {"verification", "comparison", "agents"},
-    {"leaderboard", "api", "cli"},
+    {"verification", "comparison", "agents", "cli"},
+    {"leaderboard", "api"},
     {"commands"},
 )
 DOORS = {"__init__": {"protocol", "errors", "api"}, "__main__": {"errors", "commands"}}

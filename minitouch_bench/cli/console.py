@@ -1,14 +1,17 @@
 """What the command line prints: data on stdout, notes and progress on stderr.
 
-Progress is bars; where no terminal shows them, it is one line per minute.
+Progress is bars in a terminal, one bar in a notebook, and otherwise one line per minute.
 """
 
+import html
 import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from datetime import timedelta
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.episode import Outcome, PlayedEpisode, Role
 from minitouch_bench.errors import printable
@@ -17,12 +20,10 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, Task
 
-    from minitouch_bench.agents.training import ProgressRow, TrainingCallbacks
-
-PIPED_WIDTH = 120
-"""Columns of a table that goes into a file or another program."""
+PIPED_WIDTH = 10_000
+"""Columns where no screen ends a line: a table is as wide as what it holds."""
 
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
@@ -45,7 +46,7 @@ def note(text: str, style: str = "") -> None:
 
 
 def data_console() -> "Console":
-    """Return the console of stdout, as wide as the screen, or as a page where there is none."""
+    """Return the console of stdout, as wide as the screen; a pipe or a file cuts no line."""
     from rich.console import Console
 
     console = Console()
@@ -58,12 +59,24 @@ def print_problems(name: str, problems: Iterable[object]) -> None:
         print(f"{printable(name)}: {problem}")
 
 
+def is_watched() -> bool:
+    """Tell whether a terminal or a notebook shows progress."""
+    return notes().is_terminal or notes().is_jupyter
+
+
 def _make_bars(console: "Console") -> "Progress":
-    """Return the bars of every command; a task's field ``text`` stands behind its times."""
+    """Return the bars of every command; the last task's field ``text`` is the line below them."""
     from rich import progress
     from rich.table import Column
+    from rich.text import Text
 
-    return progress.Progress(
+    class Bars(progress.Progress):
+        def get_renderables(self) -> Iterator[Any]:
+            yield self.make_tasks_table(self.tasks)
+            if self.tasks and self.tasks[-1].fields["text"]:
+                yield Text(self.tasks[-1].fields["text"])
+
+    return Bars(
         progress.TextColumn("[bold]{task.description}"),
         progress.BarColumn(bar_width=30 if console.width >= WIDE else 10),
         progress.TextColumn(
@@ -72,26 +85,42 @@ def _make_bars(console: "Console") -> "Progress":
         progress.TimeElapsedColumn(table_column=Column(no_wrap=True)),
         progress.TextColumn("left"),
         progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
-        # Where there is little room only this one is broken into lines.
-        progress.TextColumn("{task.fields[text]}", markup=False, table_column=Column()),
         console=console,
+        disable=console.is_jupyter,
         refresh_per_second=2,
         speed_estimate_period=600,
     )
 
 
 class _Lines:
-    """One line per minute, where a console is not a terminal."""
+    """One line per minute where a console is not a terminal, one bar where it is a notebook."""
 
     def __init__(self, console: "Console", clock: Callable[[], float] = time.monotonic) -> None:
         self._console, self._clock, self._printed_at = console, clock, clock()
+        self._cells: dict[str, Any] = {}  # of a notebook, by what is done in it
 
-    def show(self, line: str) -> None:
-        """Print a line, unless the last one is less than a minute old."""
+    def show(self, line: str, bar: "Task") -> None:
+        """Print a line, unless the last one is less than a minute old; a notebook's bar follows."""
         now = self._clock()
-        if not self._console.is_terminal and now >= self._printed_at + LINE_INTERVAL_S:
+        if self._console.is_jupyter:
+            self._show_in_notebook(line, bar)
+        elif not self._console.is_terminal and now >= self._printed_at + LINE_INTERVAL_S:
             self._printed_at = now
             self._console.print(line, markup=False)
+
+    def _show_in_notebook(self, line: str, bar: "Task") -> None:
+        from IPython.display import display
+
+        left = bar.time_remaining
+        line += "" if bar.finished or left is None else f"  {timedelta(seconds=round(left))} left"
+        drawn = f"<progress value='{bar.completed:.0f}' max='{bar.total:.0f}'></progress>"
+        shown = {"text/plain": line, "text/html": f"{drawn} {html.escape(line)}"}
+        if cell := self._cells.get(bar.description):
+            cell.update(shown, raw=True)
+        else:
+            self._cells[bar.description] = display(  # type: ignore[no-untyped-call]
+                shown, raw=True, display_id=True
+            )
 
 
 @contextmanager
@@ -124,7 +153,8 @@ def episode_progress(
         text = "  ".join([*shown, f"{faults} faults"] if faults else shown)
         bar = bars.tasks[-1]
         bars.update(bar.id, advance=1, text=text)
-        lines.show(f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}  {text}".rstrip())
+        line = f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}  {text}"
+        lines.show(line.rstrip(), bar)
 
     try:
         yield Callbacks(note, begin, show)
@@ -149,13 +179,11 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def training_progress() -> Iterator["TrainingCallbacks"]:
+def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C.
 
-    A second Ctrl-C ends it at once.
+    A second Ctrl-C ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
     """
-    from minitouch_bench.agents.training import TrainingCallbacks
-
     lines, bar = _Lines(notes()), _make_bars(notes())
     should_stop = False
 
@@ -168,7 +196,7 @@ def training_progress() -> Iterator["TrainingCallbacks"]:
     def begin(steps: int) -> None:
         bar.add_task("training", total=steps, text="")
 
-    def show(row: "ProgressRow") -> None:
+    def show(row: Any) -> None:
         measured = {
             "curiosity": row.intrinsic_reward,
             "reward": row.task_reward,
@@ -179,11 +207,13 @@ def training_progress() -> Iterator["TrainingCallbacks"]:
         text = "  ".join(values)
         (task,) = bar.tasks
         bar.update(task.id, completed=row.step, description=row.phase, text=text)
-        lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {text}")
+        lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {text}", task)
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    is_main = threading.current_thread() is threading.main_thread()  # another handles no signal
+    before = signal.signal(signal.SIGINT, interrupt) if is_main else None
     try:
         with bar:
-            yield TrainingCallbacks(note, begin, show, should_stop=lambda: should_stop)
+            yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
     finally:
-        signal.signal(signal.SIGINT, before)
+        if is_main:
+            signal.signal(signal.SIGINT, before)

@@ -59,11 +59,18 @@ class Command(_Once, TyperCommand):
 
 def make_group(**about: Any) -> typer.Typer:
     """Return a group of commands, still empty, whose help is plain text as that of a command."""
-    return typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode=None, **about)
+    return typer.Typer(cls=_Group, rich_markup_mode=None, **about)
 
 
 class _Group(_Once, TyperGroup):
-    """A group whose help has a whole sentence about each command."""
+    """A group whose help has a sentence about each command; without a command it is shown."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Parse the arguments; without any, print the help and exit with the code of a mistake."""
+        if not args and not ctx.resilient_parsing:
+            print(self.get_help(ctx))
+            ctx.exit(UsageError.exit_code)
+        return super().parse_args(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands, each with its summary."""

@@ -42,7 +42,9 @@ COMMANDS: dict[Callable[..., None], str] = {
 
 PROGRAM = "minitouch-bench"
 
-app = make_group(name=PROGRAM, pretty_exceptions_enable=False)
+FIRST = "First: minitouch-bench evaluate random --suite smoke. Each command has --help."
+
+app = make_group(name=PROGRAM, pretty_exceptions_enable=False, epilog=FIRST)
 for command, example in COMMANDS.items():
     app.command(cls=Command, epilog=f"Example: {PROGRAM} {example}")(command)
 app.add_typer(leaderboard, name="leaderboard")
@@ -79,11 +81,9 @@ def main() -> None:
         _complain(str(error))
         sys.exit(error.exit_code)
     except typer.TyperException as error:
-        # Where no arguments are given the message is empty: the help has been printed.
-        if error.format_message().strip():
-            context = getattr(error, "ctx", None)
-            command = context.command_path if context else PROGRAM
-            _complain(f"{error.format_message()}\nSee {command} --help")
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else PROGRAM
+        _complain(f"{error.format_message()}\nSee {command} --help")
         sys.exit(error.exit_code)
     # What Typer returns after a Ctrl-C that no command has told the user about.
     if code == InterruptedRunError.exit_code:

@@ -7,7 +7,6 @@ import typer
 
 from minitouch_bench.agents import METHODS
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import training_progress
 from minitouch_bench.perturbation import SENSES
 
 
@@ -75,21 +74,20 @@ def train(
     """Train a learner in two phases: curiosity alone, then the task."""
     from minitouch_bench import api
 
-    with training_progress() as callbacks:
-        directory = api.train(
-            task,
-            method,
-            seed=seed,
-            exploration_steps=exploration_steps,
-            task_steps=task_steps,
-            objects=objects,
-            without=without,
-            from_log=from_log,
-            preset=preset,
-            config=config,
-            output=output,
-            resume=resume,
-            device=device,
-            callbacks=callbacks,
-        )
+    directory = api.train(
+        task,
+        method,
+        seed=seed,
+        exploration_steps=exploration_steps,
+        task_steps=task_steps,
+        objects=objects,
+        without=without,
+        from_log=from_log,
+        preset=preset,
+        config=config,
+        output=output,
+        resume=resume,
+        device=device,
+        progress=True,
+    )
     print(directory)

@@ -13,6 +13,7 @@ from itertools import compress
 from typing import Any
 
 from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.constrain import Constrain
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -147,8 +148,11 @@ Block = Heading | NoteBlock | Table | str
 PAPER_WIDTH = 9
 """Characters of a terminal in a column of the paper's values."""
 
-PAGE_WIDTH = 120
-"""Characters in a line of a text that no terminal shows."""
+NOTE_WIDTH = 120
+"""Characters in a line of a remark, however wide the screen."""
+
+PAGE_WIDTH = 10_000
+"""Characters in a line of a text that no terminal shows: no table is cut."""
 
 
 def on_screen(blocks: Iterable[Block]) -> Group:
@@ -159,7 +163,7 @@ def on_screen(blocks: Iterable[Block]) -> Group:
             case Heading():
                 parts += [Text(), Text(block.text, style="bold underline")]
             case NoteBlock():
-                parts.append(Text(block.text, style="dim"))
+                parts.append(Constrain(Text(block.text, style="dim"), NOTE_WIDTH))
             case Table():
                 parts.append(_screen_table(block))
             case _:

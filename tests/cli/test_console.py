@@ -1,14 +1,16 @@
 """Progress where there is no terminal."""
 
 import io
+import re
 import signal
 from dataclasses import replace
 
+import IPython.display
 import numpy as np
 import pytest
 from rich.console import Console
 
-from minitouch_bench.agents.training import COLUMNS, ProgressRow
+from minitouch_bench.agents.training import COLUMNS, ProgressRow, TrainingCallbacks
 from minitouch_bench.cli import console
 from minitouch_bench.cli.console import episode_progress
 from minitouch_bench.episode import EpisodeSpec, Role
@@ -40,10 +42,32 @@ def test_in_a_narrow_terminal_every_number_is_whole(width):
             spec = replace(SPEC, task=task)
             for _ in range(100):
                 callbacks.episode(make_record(np.random.default_rng(1), spec, 1.0))
-    shown = screen.file.getvalue()
-    assert "300/5,750" in shown
-    assert shown.count("/100") == 3
-    assert "…" not in shown
+    bar, below = screen.file.getvalue().splitlines()[-2:]
+    assert "300/5,750" in bar
+    assert re.search(r"\d:\d\d:\d\d left (\d|-):(\d|-){2}:(\d|-){2}$", bar.rstrip()), bar
+    assert below.count("/100") == 3
+
+
+def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
+    """Of IPython only the function that shows a cell's output is replaced."""
+    outputs = []
+
+    class Cell:
+        def __init__(self, shown, **_):
+            outputs.append([shown])
+            self.update = lambda shown, raw: outputs[-1].append(shown)
+
+    monkeypatch.setattr(IPython.display, "display", Cell)
+    screen = Console(file=io.StringIO(), force_jupyter=True)
+    with episode_progress(screen) as callbacks:
+        for phase in ("exploration", "episodes"):
+            callbacks.phase(phase, 3)
+            for _ in range(3):
+                callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+    assert [len(cell) for cell in outputs] == [3, 3]
+    assert outputs[1][1]["text/plain"].startswith("episodes: 2 of 3  pushing 2/2")
+    assert outputs[1][2]["text/html"].startswith("<progress value='3' max='3'></progress> ")
+    assert screen.file.getvalue() == ""
 
 
 @pytest.fixture
@@ -54,7 +78,8 @@ def each_line(monkeypatch):
 
 @pytest.mark.usefixtures("each_line")
 def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
-    with console.training_progress() as callbacks:
+    with console.training_progress() as shown:
+        callbacks = TrainingCallbacks(**shown)
         callbacks.begin(2000)
         row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
         callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))

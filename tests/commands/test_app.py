@@ -29,10 +29,12 @@ def test_wrong_usage_takes_two_lines(tmp_path, arguments, word, command):
     assert done.err.endswith(f"\nSee minitouch-bench {command}--help\n")
 
 
-def test_without_arguments_there_is_help(tmp_path):
+def test_without_arguments_the_help_is_printed_as_it_is(tmp_path):
     done = run_installed(directory=tmp_path)
-    assert done.code == 2
-    assert "Usage" in done.out + done.err
+    assert (done.code, done.err) == (2, "")
+    assert done.out == run("--help", directory=tmp_path).out
+    assert "\n  evaluate  " in done.out
+    assert run("shapes", directory=tmp_path).out == run("shapes", "--help", directory=tmp_path).out
 
 
 COMMANDS = [
