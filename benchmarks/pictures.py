@@ -9,7 +9,8 @@ import numpy as np
 from PIL import Image
 
 from minitouch_bench.episode import Role
-from minitouch_bench.evaluation.recording import replay_frames
+from minitouch_bench.evaluation.policy_setup import Recording
+from minitouch_bench.evaluation.recording import film_episode
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import read_run
@@ -74,10 +75,8 @@ def frames_of(task: str) -> list[np.ndarray]:
     spec, _ = max(fitting, key=lambda pair: pair[1].steps)
     actions = run.actions_of(spec.key)[: VIDEO_STEPS - 1]
     size = (VIDEO_WIDTH * SMOOTHING, VIDEO_HEIGHT * SMOOTHING)
-    images = [
-        np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT))
-        for image in replay_frames(spec, actions, run.plan, size)
-    ]
+    film = film_episode(Recording({spec: actions}, run.plan), spec, size)
+    images = [np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT)) for image in film.scenes]
     return images + images[-1:] * (VIDEO_STEPS - len(images))
 
 

@@ -6,10 +6,10 @@
 import sys
 from pathlib import Path
 
-from minitouch_bench.evaluation.recording import video_name, write_video
-from minitouch_bench.files import VIDEOS, make_folder
+from minitouch_bench.files import VIDEOS, make_folder, view_name
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.runs.run import Run, read_run
+from minitouch_bench.verification.filming import film_to_files
 
 
 def best_and_worst(run: Run, task: str) -> tuple[str, str]:
@@ -28,8 +28,9 @@ def main() -> None:
         for task in run.plan.tasks:
             for key in best_and_worst(run, task):
                 spec, _ = run.find(key)
-                path = folder / video_name(key)
-                print(write_video(spec, run.actions_of(key), path, run.plan))
+                path = folder / view_name(key, ".mp4")
+                film_to_files(run, (spec, [path]))
+                print(path)
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ from minitouch_bench.comparison.comparison import (
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
-from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
+from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.evaluation.recording import film_run, require_video
+from minitouch_bench.evaluation.recording import require_video
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
@@ -30,6 +30,7 @@ from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.shapegen.manifest import Objects
+from minitouch_bench.verification.filming import film_run
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
@@ -70,6 +71,7 @@ def evaluate(
     perturb: Words | None = None,
     output: StrPath | None = None,
     video: int = 0,
+    replays: int = 0,
     resume: bool = False,
     fresh: bool = False,
     workers: int | str | None = AUTO,
@@ -95,8 +97,8 @@ def evaluate(
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
-    if output is None and (resume or fresh or video):
-        raise UsageError("resume, fresh and video need a directory: give an output")
+    if output is None and (resume or fresh or video or replays):
+        raise UsageError("resume, fresh, video and replays need a directory: give an output")
     if video:
         require_video()
     opening = open_engine(engine, workers, address)
@@ -131,7 +133,17 @@ def evaluate(
         opened = open_run(header, directory, resume=resume, fresh=fresh)
         run = play(setup, opened, running, callbacks)
         if directory:
-            film_run(run, directory, video)
+            write_views(run, directory, files.list_videos(directory))
+        if directory and (video or replays):
+            with resumable(directory):
+                film_run(
+                    run,
+                    directory,
+                    videos=video,
+                    replays=replays,
+                    workers=running.workers,
+                    callbacks=callbacks,
+                )
             write_views(run, directory, files.list_videos(directory))
     return run
 

@@ -1,12 +1,15 @@
-"""Episodes as planned, as played and as measured; and which policy they evaluate."""
+"""Episodes as planned, played, filmed and measured; and which policy they evaluate."""
 
 import hashlib
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
+from minitouch_bench.files import write_file
 from minitouch_bench.json_io import whole
 
 if TYPE_CHECKING:
@@ -127,6 +130,43 @@ class PlayedEpisode:
     trace: Trace
     fault: str = ""
     is_late: bool = False
+
+
+@dataclass(frozen=True)
+class Film:
+    """A played episode with its pictures.
+
+    ``scenes`` uint8 (T + 1, H, W, 3): the scene at the reset and after each control step.
+    ``images`` uint8 (T, 84, 84): what the policy was given before each of its actions.
+    ``target``: where Pushing's object is to go (m), None in the other tasks.
+    """
+
+    played: PlayedEpisode
+    scenes: "NDArray[np.uint8]"
+    images: "NDArray[np.uint8]"
+    target: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class EpisodePage:
+    """The page of one replayed episode: a notebook shows it, and ``save`` writes it as a file."""
+
+    title: str
+    html: str
+
+    def save(self, path: Path | str) -> Path:
+        """Write the page, which opens offline.
+
+        Raises:
+            RunDirectoryError: the file cannot be written.
+        """
+        write_file(Path(path), self.html)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        title, content = escape(self.title), escape(self.html)
+        style = "width:100%;height:900px;border:0"
+        return f'<iframe title="{title}" srcdoc="{content}" style="{style}"></iframe>'
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,8 @@ ACTIONS_FILE, RUN_FILE = "actions.npz", "run.json"
 EPISODES_FILE, FORCES_FILE, REPORT_PAGE = "episodes.csv", "forces.csv", "report.html"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
-VIDEOS = "videos"
-REPLAYS = "replays"
-"""Folder of what was made of single episodes of a finished run, beside its other views."""
+VIDEOS, REPLAYS = "videos", "replays"
+"""Folders of a run for what people look at."""
 SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
 REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
@@ -43,12 +42,12 @@ JOURNAL_FILE = "run.journal"
 """What is done of a run; a finished run has none."""
 
 RUN_FILES = (ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, FORCES_FILE, REPORT_PAGE)
-"""What a run writes, beside its videos."""
+"""What a run writes, beside its videos and replays."""
 
-VIDEO_NAME = re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif)")
-"""What a run's videos are called."""
+VIEW_NAME = re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif|html|csv)")
+"""What a run's videos and replays are called."""
 
-RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS})
+RUN_ENTRIES = frozenset({*RUN_FILES, VIDEOS, REPLAYS})
 """All that a run has in its directory."""
 
 LARGEST_FILE = 64 * MIB
@@ -88,20 +87,24 @@ def entries_of(directory: Path) -> list[str]:
 
 
 def clear_run(directory: Path) -> None:
-    """Remove the files of a run, and its folder of videos where nothing else is in it.
+    """Remove the files of a run, and its folders of views where nothing else is in them.
 
     Raises:
         RunDirectoryError: one of them cannot be removed.
     """
-    videos = directory / VIDEOS
     with os_errors_as(RunDirectoryError, directory, "cleared"):
         for name in RUN_FILES:
             (directory / name).unlink(missing_ok=True)
-        if is_folder(videos):
-            for name in filter(VIDEO_NAME.fullmatch, os.listdir(videos)):
-                (videos / name).unlink()
+        for folder in filter(is_folder, (directory / VIDEOS, directory / REPLAYS)):
+            for name in filter(VIEW_NAME.fullmatch, os.listdir(folder)):
+                (folder / name).unlink()
             with suppress(OSError):  # something else is in it
-                videos.rmdir()
+                folder.rmdir()
+
+
+def view_name(key: str, suffix: str) -> str:
+    """Return the file name of a view of an episode, as ``pushing-17.html``."""
+    return key.replace("/", "-") + suffix
 
 
 @contextmanager

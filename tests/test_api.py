@@ -253,7 +253,7 @@ def test_environments_are_made_by_the_task_s_name():
     environment = mt.make("playing", objects="train", render_mode="rgb_array")
     environment.reset(seed=3)
     assert environment.unwrapped.object_name not in ("", "cube")
-    assert environment.render().shape == (480, 480, 3)
+    assert environment.render().shape == (240, 240, 3)
     environment.close()
     with pytest.raises(UsageError, match="no task 'flying'"):
         mt.make("flying")

@@ -91,7 +91,12 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path, place):
 def test_clearing_removes_the_run_and_nothing_else(tmp_path):
     for name in (*RUN_FILES, "notes.txt", "policy.pt"):
         (tmp_path / name).write_text("x")
-    for name in ("videos/pushing-0.mp4", "videos/mine.mp4", "other/a.mp4"):
+    for name in (
+        "videos/pushing-0.mp4",
+        "videos/mine.mp4",
+        "other/a.mp4",
+        "replays/opening-1.html",
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("x")
     assert holds_run(tmp_path)

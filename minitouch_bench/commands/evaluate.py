@@ -84,6 +84,14 @@ def evaluate(
             metavar="N", min=0, help="Record videos of the first N episodes of each task."
         ),
     ] = 0,
+    replays: Annotated[
+        int,
+        output_option(
+            metavar="N",
+            min=0,
+            help="Write the viewers of N episodes of each task into replays/, failures first.",
+        ),
+    ] = 0,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
     as_json: Annotated[
@@ -117,6 +125,7 @@ def evaluate(
             perturb=perturb,
             output=api.AUTO_OUTPUT if output is None else output,
             video=video,
+            replays=replays,
             resume=resume,
             fresh=fresh,
             workers=workers,

@@ -3,7 +3,6 @@
 import contextlib
 import re
 from collections.abc import Iterator
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,76 +12,80 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import Callbacks
-from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.files import VIDEOS, make_folder, os_errors_as, write_file
+from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording
+from minitouch_bench.evaluation.rollout import EpisodeRunner, run_episode
+from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.machine import require
-from minitouch_bench.processes import core_count, run_in_workers
-from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import Run
+from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, Policy
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 FRAMES_PER_SECOND = 8
 """A control step lasts about a quarter of a second: videos run at twice real time."""
 
-VIDEO_SIZE = (480, 480)
-"""Pixels, width and height."""
+PICTURE_SIZE = (240, 240)
+"""Pixels of a picture for people, width and height."""
 
-Frames = Iterator[NDArray[np.uint8]]
+Scenes = NDArray[np.uint8]
 
 
-def write_video(
-    spec: EpisodeSpec,
-    actions: NDArray[np.float32],
-    path: Path,
-    plan: Plan,
-) -> Path:
-    """Replay one episode of a plan in front of the camera into an ``.mp4`` or a ``.gif``.
+class _FilmedPolicy:
+    """A policy with a camera: before each action it keeps the scene, and the image it was given."""
+
+    def __init__(self, policy: Policy, world: MiniTouchEnv) -> None:
+        self._policy, self._world = policy, world
+        self.scenes: list[NDArray[np.uint8]] = []
+        self.images: list[NDArray[np.uint8]] = []
+
+    def reset(self, seed: int, task: str) -> None:
+        """Begin an episode."""
+        self._policy.reset(seed, task)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the policy's action."""
+        self.scenes.append(self._world.picture())
+        action = self._policy.act(observation)
+        self.images.append(observation["image"][0])
+        return action
+
+
+def film_episode(
+    recording: Recording, spec: EpisodeSpec, size: tuple[int, int] = PICTURE_SIZE
+) -> Film:
+    """Replay one episode in front of a camera; ``size``: width and height in pixels."""
+    width, height = size
+    plan = recording.plan
+    world = MiniTouchEnv(
+        spec.task,
+        plan.load_objects(),
+        perturbation=plan.conditions,
+        width=width,
+        height=height,
+    )
+    with contextlib.closing(world):
+        filmed = _FilmedPolicy(recording.make_policy(spec.role, lambda _: world), world)
+        played = run_episode(world, filmed, spec)
+        steps = len(played.trace.actions)
+        scenes = [*filmed.scenes[:steps], world.picture()]
+        images = np.array(filmed.images, np.uint8).reshape(steps, *IMAGE_SHAPE[1:])
+        target = getattr(world.task, "target", None)
+        return Film(played, np.array(scenes), images, target)
+
+
+def write_video(film: Film, path: Path) -> None:
+    """Write a film as an ``.mp4`` or a ``.gif``.
 
     Raises:
         MissingExtraError: an ``.mp4`` needs the extra ``video``.
-        UsageError: another kind of file.
         RunDirectoryError: the file cannot be written.
     """
-    writers = {".mp4": _write_mp4, ".gif": _write_gif}
-    if path.suffix not in writers:
-        raise UsageError(f"a video is an .mp4 or a .gif, not '{path.name}'")
+    write = _write_mp4 if path.suffix == ".mp4" else _write_gif
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
-        unfinished = Path(folder) / f"video{path.suffix}"
-        writers[path.suffix](replay_frames(spec, actions, plan), unfinished)
+        unfinished = Path(folder) / path.name
+        write(film.scenes, unfinished)
         write_file(path, unfinished.read_bytes())
-    return path
-
-
-def film_run(run: Run, directory: Path, count: int) -> None:
-    """Film the first ``count`` episodes of each task into the run's directory, on every core.
-
-    Raises:
-        RunDirectoryError: a video cannot be written.
-        InfrastructureError: an episode cannot be replayed.
-    """
-    films = [
-        (spec, run.actions_of(spec.key), make_folder(directory / VIDEOS) / video_name(spec.key))
-        for spec in run.header.specs()
-        if spec.index < count
-    ]
-    film = partial(_film, run.plan)
-    for _ in run_in_workers(
-        film, films, core_count(), name=lambda one: f"the film of {one[0].key}"
-    ):
-        pass
-
-
-def _film(plan: Plan, film: tuple[EpisodeSpec, NDArray[np.float32], Path]) -> None:
-    write_video(*film, plan)
-
-
-def video_name(key: str, suffix: str = ".mp4") -> str:
-    """Return the file name of an episode's video, as ``pushing-17.mp4``."""
-    return key.replace("/", "-") + suffix
 
 
 def video_suffix() -> str:
@@ -100,46 +103,16 @@ def require_video() -> Any:
     return require("imageio.v2", "video")
 
 
-def _write_mp4(frames: Frames, path: Path) -> None:
-    writer = require_video()
-    with writer.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
-        for frame in frames:
-            video.append_data(frame)
+def _write_mp4(scenes: Scenes, path: Path) -> None:
+    with require_video().get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
+        for scene in scenes:
+            video.append_data(scene)
 
 
-def _write_gif(frames: Frames, path: Path) -> None:
-    pictures = [Image.fromarray(frame) for frame in frames]
+def _write_gif(scenes: Scenes, path: Path) -> None:
+    first, *rest = map(Image.fromarray, scenes)
     milliseconds = 1000 // FRAMES_PER_SECOND
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
-
-
-def replay_frames(
-    spec: EpisodeSpec,
-    actions: NDArray[np.float32],
-    plan: Plan,
-    size: tuple[int, int] = VIDEO_SIZE,
-) -> Frames:
-    """Replay one episode of a plan and yield an image of its start and of each control step.
-
-    ``size``: width and height in pixels.
-    """
-    width, height = size
-    environment = MiniTouchEnv(
-        spec.task,
-        plan.load_objects(),
-        "rgb_array",
-        width=width,
-        height=height,
-        perturbation=plan.conditions,
-    )
-    try:
-        environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
-        yield environment.picture()
-        for action in actions:
-            environment.step(action)
-            yield environment.picture()
-    finally:
-        environment.close()
+    first.save(path, save_all=True, append_images=rest, duration=milliseconds, loop=0)
 
 
 def record_episodes(

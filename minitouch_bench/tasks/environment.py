@@ -85,8 +85,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         objects: Objects | None = None,
         render_mode: str | None = None,
         *,
-        width: int = 480,
-        height: int = 480,
+        width: int = 240,
+        height: int = 240,
         max_steps: int | None = None,
         perturbation: Perturbation = UNPERTURBED,
     ) -> None:

@@ -1,7 +1,6 @@
 """A run checked without trust: its actions replayed, and drawn episodes run again."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import fields, replace
 
 import numpy as np
@@ -16,7 +15,6 @@ from minitouch_bench.episode import (
 from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
-from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.metrics.summary import measure, touch_curve
 from minitouch_bench.perturbation import USUAL_LIMITS
 from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
@@ -77,19 +75,6 @@ def _with_claims(record: PlayedEpisode, row: Episode) -> PlayedEpisode:
     clipped = np.zeros(len(record.trace.actions), np.bool_)
     clipped[at_bounds[: row.clipped_actions]] = True
     return replace(record, trace=replace(record.trace, clipped=clipped))
-
-
-def replay_episode(run: Run, key: str) -> PlayedEpisode:
-    """Play one episode of a run by its recorded actions.
-
-    Raises:
-        UsageError: the run has no such episode, or cannot be replayed here.
-        RunDirectoryError: a file of it is missing or damaged.
-    """
-    refuse_unplayable(run)
-    spec, _ = run.find(key)
-    with closing(EpisodeRunner(Recording.of(run, [spec]))) as runner:
-        return runner.run(spec)
 
 
 def replay_final(

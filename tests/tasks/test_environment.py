@@ -315,7 +315,7 @@ def test_a_picture_has_its_size_and_something_on_it():
 def test_every_task_has_its_picture(environment):
     environment.reset(seed=1)
     picture = environment.picture()
-    assert picture.shape == (480, 480, 3)
+    assert picture.shape == (240, 240, 3)
     assert picture.std() > 10.0
 
 

@@ -1,0 +1,180 @@
+"""The viewer of one episode: a page of what the robot saw, felt and did, and the same as CSV."""
+
+import base64
+import io
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
+from numpy.typing import NDArray
+from PIL import Image
+
+from minitouch_bench.episode import EpisodePage, Film, Outcome
+from minitouch_bench.errors import printable
+from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
+from minitouch_bench.reporting.labels import task_title
+from minitouch_bench.reporting.pages import TEMPLATES, render_page
+from minitouch_bench.reporting.tables import rows_csv
+from minitouch_bench.runs.run import Run
+
+TOUCH_COLUMNS = (
+    "hand_x_m", "hand_y_m", "hand_z_m", "left_opening_mm", "right_opening_mm",
+    "left_force_x_N", "left_force_y_N", "left_force_z_N",
+    "right_force_x_N", "right_force_y_N", "right_force_z_N",
+)  # fmt: skip
+"""The touch vector, its openings in mm."""
+OBJECT_COLUMNS = {1: ("door_angle_rad",), 3: ("object_x_m", "object_y_m", "object_z_m")}
+"""The object's state, by how many numbers it has."""
+ACTION_COLUMNS = ("action_dx", "action_dy", "action_dz", "action_fingers", "action_yaw")
+
+ENDINGS = {
+    Outcome.SUCCESS: ("success", "success"),
+    Outcome.LEFT_WORKSPACE: ("left the workspace", "left"),
+    Outcome.STEP_LIMIT: ("step limit", "limit"),
+    Outcome.POLICY_FAULT: ("policy fault", "fault"),
+}
+"""How an episode ends, in words and as a color."""
+
+GOALS = {
+    "playing": "Touch the cube as often as possible; there is no goal.",
+    "pushing": "Push the dark cube to the gray target, to less than 7 cm.",
+    "opening": "Find the handle and open the door to 30°.",
+    "pick-up": "Grasp the object and lift it until its lowest point is 5 cm above the table.",
+}
+"""What a policy is to do, for somebody who sees a task for the first time."""
+
+STILL = {"cm": 0.5, "°": 1.0}
+"""An object that moved less was not moved."""
+SCENE_QUALITY = 90
+"""Of WebP, 0 to 100."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How near an episode was to its goal, T + 1 values; Playing has no goal."""
+
+    title: str
+    unit: str
+    values: NDArray[np.float64]
+    goal: int | None = None
+
+
+def progress_of(film: Film) -> Progress:
+    """Return how near a filmed episode was to its goal."""
+    state, task = film.played.trace.object_state, film.played.spec.task
+    if task == OPENING.name:
+        goal = round(math.degrees(OPENING.success_angle))
+        return Progress("Angle of the door", "°", np.degrees(state[:, 0]), goal)
+    if task == PICK_UP.name:
+        lifted = 100 * (state[:, 2] - state[0, 2])
+        return Progress("Height of the object", "cm", lifted, round(100 * PICK_UP.lift))
+    if film.target is not None:
+        distance = 100 * np.hypot(*(state[:, :2] - film.target).T)
+        return Progress("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
+    return Progress("Object from its start", "cm", 100 * np.linalg.norm(state - state[0], axis=1))
+
+
+def in_words(film: Film, fault: str = "") -> str:
+    """Say how an episode ended, and the likeliest reason where it failed."""
+    trace, outcome = film.played.trace, film.played.outcome
+    steps, touching = len(trace.actions), np.flatnonzero(trace.contact_ticks) + 1
+    contact = f"a finger touched it in {len(touching)} of {steps} steps"
+    if len(touching) and touching[-1] < steps * 3 / 4:
+        contact += f", the last time at step {touching[-1]}"
+    if fault:
+        return f"The policy failed after {steps} steps: {fault}"
+    if outcome is Outcome.SUCCESS:
+        return f"Success at step {steps}; {contact}."
+    if outcome is Outcome.LEFT_WORKSPACE:
+        return f"The object left the workspace at step {steps}; {contact}."
+    if not len(touching):
+        return f"Never touched the object in {steps} steps."
+    return f"{_what_touching_did(progress_of(film))}; {contact}."
+
+
+def _what_touching_did(progress: Progress) -> str:
+    values, unit = progress.values, progress.unit
+    if np.abs(values - values[0]).max() < STILL[unit]:
+        return "Pressed the object without moving it"
+    if progress.goal is None:
+        return f"Moved the cube by {values.max():.1f} {unit}"
+    best = values.min() if values[0] > progress.goal else values.max()
+    reached = f"{best:.1f} {unit} at best, the goal is {progress.goal} {unit}"
+    return f"Did not reach the goal: {progress.title.lower()} {reached}"
+
+
+def episode_columns(film: Film) -> Mapping[str, list[float | None]]:
+    """Return T + 1 values per column: at the reset, and of each control step or at its end."""
+    trace = film.played.trace
+    seconds = np.concatenate(([0], np.cumsum(trace.ticks))) / PROTOCOL.physics.tick_rate
+    touch = trace.touch.astype(np.float64)
+    touch[:, PROTOCOL.observation.openings] *= 1000 * PROTOCOL.control.finger_open
+    names = ("time_s", *TOUCH_COLUMNS, *OBJECT_COLUMNS[trace.object_state.shape[1]])
+    at_ends = np.column_stack((seconds, touch, trace.object_state)).round(6) + 0.0  # no -0.0
+    columns: dict[str, list[float | None]] = dict(zip(names, at_ends.T.tolist(), strict=True))
+    of_steps = {"ticks": trace.ticks, "contact_ticks": trace.contact_ticks}
+    of_steps |= dict(zip(ACTION_COLUMNS, trace.actions.T.astype(np.float64).round(6), strict=False))
+    return columns | {name: [None, *values.tolist()] for name, values in of_steps.items()}
+
+
+def episode_csv(film: Film) -> str:
+    """Write an episode as CSV: a row for the reset, and one per control step."""
+    columns = episode_columns(film)
+    rows = zip(range(len(film.scenes)), *columns.values(), strict=True)
+    return rows_csv(("step", *columns), rows)
+
+
+def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
+    """Compose the page of an episode; ``is_as_recorded``: the replay gave the recorded bits."""
+    spec, columns = film.played.spec, episode_columns(film)
+    title = f"{task_title(spec.task)}, episode {spec.index}"
+    marks = list(_marks(film))
+    data = {
+        "columns": columns,
+        "progress": asdict(progress_of(film))
+        | {"values": progress_of(film).values.round(3).tolist()},
+        "limit": PROTOCOL.task(spec.task).force_limit,
+        "marks": marks,
+        "scenes": _sprite(film.scenes, quality=SCENE_QUALITY),
+        "images": _sprite(film.images, lossless=True),
+    }
+    html = render_page(
+        TEMPLATES / "viewer.html.j2",
+        ("viewer.css",),
+        ("theme.js", "viewer.js"),
+        title=title,
+        run=run,
+        spec=spec,
+        goal=GOALS[spec.task],
+        ending=marks[-1],
+        words=in_words(film, printable(run.faults.get(spec.key, ""))),
+        is_as_recorded=is_as_recorded,
+        data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
+    )
+    return EpisodePage(f"{run.name}: {title}", html)
+
+
+def _marks(film: Film) -> Iterator[Mapping[str, Any]]:
+    """Yield what happened and when: the first touch if there was one, and the end."""
+    trace, rate = film.played.trace, PROTOCOL.physics.tick_rate
+    if trace.first_touch_tick >= 0:
+        yield {"text": "first touch", "tone": "touched", "time": trace.first_touch_tick / rate}
+    text, tone = ENDINGS[film.played.outcome]
+    yield {"text": text, "tone": tone, "time": int(trace.ticks.sum()) / rate}
+
+
+def _sprite(pictures: NDArray[np.uint8], **options: Any) -> Mapping[str, Any]:
+    """Join pictures (N, H, W) or (N, H, W, 3) into one, row by row, as a data URI."""
+    count, height, width = pictures.shape[:3]
+    columns = max(1, math.ceil(math.sqrt(count)))
+    grid = np.zeros((columns * math.ceil(count / columns) or 1, *pictures.shape[1:]), np.uint8)
+    grid[:count] = pictures
+    rows = grid.reshape(-1, columns, *pictures.shape[1:]).swapaxes(1, 2)
+    picture = Image.fromarray(rows.reshape(-1, columns * width, *pictures.shape[3:]))
+    content = io.BytesIO()
+    picture.save(content, "WEBP", method=4, **options)
+    uri = "data:image/webp;base64," + base64.b64encode(content.getvalue()).decode("ascii")
+    return {"uri": uri, "columns": columns, "width": width, "height": height, "count": count}

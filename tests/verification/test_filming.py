@@ -1,0 +1,126 @@
+"""Real episodes, filmed in the real simulator, and looked at in a real browser."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.policy_setup import Recording
+from minitouch_bench.evaluation.recording import film_episode
+from minitouch_bench.perturbation import Perturbation
+from minitouch_bench.runs.run import read_run
+from minitouch_bench.verification.filming import film_run
+from tests.leaderboard.browser import CHROMIUM, Browser
+
+HAC = Path("submissions/hac/seed-0/table4")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A pick-up of six steps."""
+    path = tmp_path_factory.mktemp("viewer") / "pick-up-1.html"
+    return read_run(HAC).replay("pick-up/1").save(path)
+
+
+@pytest.fixture
+def browser(tmp_path, page):
+    opened = Browser(tmp_path / "profile")
+    opened.screen(1400, 900)
+    opened.open(page)
+    yield opened
+    opened.close()
+
+
+def now(browser):
+    return browser.run("document.getElementById('now').textContent")
+
+
+def pixels(browser, canvas):
+    script = f"(c => [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data])({canvas})"
+    return np.array(browser.run(script), np.uint8)
+
+
+@needs_browser
+def test_an_episode_is_stepped_through_played_and_scrubbed(browser):
+    first = browser.run("scenes.toDataURL()")
+    assert now(browser).startswith("reset")
+    browser.press("ArrowRight")
+    browser.press("ArrowRight")
+    assert now(browser).startswith("step 2 of 6")
+    assert browser.run("scenes.toDataURL()") != first
+    browser.press("End")
+    assert now(browser).startswith("step 6 of 6")
+    browser.run("document.getElementById('speed').value = 4")
+    browser.click("#play")  # from the beginning, in a quarter of 1.9 s
+    browser.run("new Promise(done => { const look = () => play.textContent === 'Play' ? done() :"
+                "setTimeout(look, 50); look(); })")  # fmt: skip
+    assert now(browser).startswith("step 6 of 6")
+    browser.click(".plot svg")  # the middle of the first panel
+    assert "step 3 of 6" in now(browser) or "step 4 of 6" in now(browser)
+    assert browser.messages == []
+    assert {url[:5] for url in browser.requests} <= {"file:", "data:"}
+
+
+@needs_browser
+def test_the_policy_s_image_is_shown_as_it_was_given(browser):
+    run = read_run(HAC)
+    spec, _ = run.find("pick-up/1")
+    film = film_episode(Recording.of(run, [spec]), spec, (24, 24))
+    assert film.scenes.shape == (7, 24, 24, 3)
+    assert film.images.shape == (6, 84, 84)
+    browser.press("ArrowRight")
+    shown = pixels(browser, "images").reshape(84, 84, 4)[..., 0]
+    np.testing.assert_array_equal(shown, film.images[1])
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1400, 390])
+def test_the_page_fits_its_window(browser, width):
+    browser.screen(width, 800)
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.run("document.querySelectorAll('.plot svg path').length") == 13
+
+
+def test_a_page_says_how_it_ended_and_what_free_air_feels_like(page):
+    html = page.read_text()
+    assert "Success at step 6; a finger touched it in 3 of 6 steps." in html
+    assert "A finger that touches nothing reads 1.0 N" in html
+    assert len(html) < 100_000
+
+
+def test_the_weight_of_a_finger_is_felt_in_free_air():
+    run = read_run(HAC)
+    for key, axis in (("pick-up/1", 2), ("opening/0", 0)):
+        spec, _ = run.find(key)
+        trace = film_episode(Recording.of(run, [spec]), spec, (8, 8)).played.trace
+        forces = trace.touch[1, 5:].reshape(2, 3)
+        assert np.abs(forces[:, axis]).round(1).tolist() == [1.0, 1.0]
+        assert not trace.touch[0, 5:].any()
+
+
+def test_a_policy_without_vision_is_shown_the_image_that_it_was_given():
+    run = read_run(HAC)
+    spec, _ = run.find("pick-up/1")
+    plan = replace(run.plan, conditions=Perturbation(without=("vision",)))
+    blind = replace(Recording.of(run, [spec]), plan=plan)
+    images = film_episode(blind, spec, (8, 8)).images
+    assert (images == images[0]).all()
+
+
+def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):
+    run, said, filmed = read_run(whole), [], []
+    failed = replace(run, rows=tuple(replace(row, outcome="step_limit") if row.index else row
+                                     for row in run.rows))  # fmt: skip
+    callbacks = Callbacks(note=said.append, episode=lambda one: filmed.append(one.spec.key))
+    film_run(failed, tmp_path, videos=1, replays=1, workers=2, callbacks=callbacks)
+    written = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.glob("*/*"))
+    assert written == [
+        "replays/opening-1.html", "replays/pushing-1.html",
+        "videos/exploration-opening-0.mp4", "videos/exploration-pushing-0.mp4",
+        "videos/opening-0.mp4", "videos/pushing-0.mp4",
+    ]  # fmt: skip
+    assert len(filmed) == 6
+    assert "filming 6 episodes, about" in said[0]
