@@ -80,6 +80,7 @@ def test_the_policy_s_image_is_shown_as_it_was_given(browser):
 @pytest.mark.parametrize("width", [1400, 390])
 def test_the_page_fits_its_window(browser, width):
     browser.screen(width, 800)
+    browser.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert browser.run("document.documentElement.scrollWidth") <= width
     assert browser.run("document.querySelectorAll('.plot svg path').length") == 13
 
