@@ -1,5 +1,6 @@
 """The command ``report``: finished runs beside each other in Table 4."""
 
+import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +15,8 @@ from minitouch_bench.json_io import words
 if TYPE_CHECKING:
     from minitouch_bench.runs.run import Run
 
-COMPARISON = REPORTS / "comparison"
-"""Where the report of several runs is written without ``--output``."""
+COMPARISONS = REPORTS / "comparison"
+"""Where the reports of several runs are written without ``--output``, each in a folder."""
 
 
 def report(
@@ -26,7 +27,7 @@ def report(
         typer.Option(
             metavar="DIR",
             help="Directory of report.html; by default the run's, for a submission's run one in "
-            "reports/, for several runs reports/comparison.",
+            "reports/, for several runs reports/comparison/NAMES.",
         ),
     ] = None,
     names: Annotated[str | None, typer.Option(metavar="A,B", help="Names of the runs.")] = None,
@@ -66,7 +67,8 @@ def report(
         for one in opened:
             _keep_forces(one)
     first, is_single = opened[0].directory or Path(), len(opened) == 1
-    directory = output or (reporting.view_directory(first) if is_single else COMPARISON)
+    usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
+    directory = output or usual
     shown = reporting.build_report(
         opened,
         reporting.find_videos(list_videos(first) if is_single else (), directory),
@@ -97,3 +99,12 @@ def _keep_forces(run: "Run") -> None:
         callbacks.phase("replaying", len(run.rows))
         records = replay_final(run, engine, callbacks.episode)
     write_forces(run, records, directory)
+
+
+def _name_of(runs: "list[Run]") -> str:
+    """Name the report of several runs by what they are, and by a digest that no others have."""
+    from minitouch_bench.evaluation.execution import run_name
+
+    places = "\n".join(str((run.directory or Path()).resolve()) for run in runs)
+    names = "-".join(dict.fromkeys(run_name(run.header) for run in runs))
+    return f"{names[:60]}-{hashlib.sha256(places.encode()).hexdigest()[:8]}"

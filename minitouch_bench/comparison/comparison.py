@@ -9,7 +9,7 @@ from rich.console import Console
 from minitouch_bench.comparison import gate_report, pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
 from minitouch_bench.comparison.power import episodes_needed
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, holm
@@ -92,8 +92,8 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
     """Compare each run with the first; ``paths`` are their directories, for replaying.
 
     Raises:
-        UsageError: fewer than two runs or more than LETTERS, or runs that were not made of the
-            same episodes by the same protocol.
+        UsageError: fewer than two runs or more than LETTERS, or runs whose common tasks were not
+            made of the same episodes by the same protocol.
     """
     if not 2 <= len(runs) <= len(LETTERS):
         raise UsageError(f"compare takes 2 to {len(LETTERS)} runs, not {len(runs)}")
@@ -101,7 +101,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    paired = [pairing.pair_runs(*_in_shared_roles(runs[0], other)) for other in runs[1:]]
+    paired = [pairing.pair_runs(*_shared_parts(runs[0], other)) for other in runs[1:]]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
     tested = [
         [
@@ -136,11 +136,25 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
     )
 
 
-def _in_shared_roles(first: Run, second: Run) -> tuple[Run, Run]:
-    """Return two runs, without the exploration episodes that only one of them has."""
-    if first.exploration_rows and second.exploration_rows:
-        return first, second
-    return replace(first, exploration_rows=()), replace(second, exploration_rows=())
+def _shared_parts(first: Run, second: Run) -> tuple[Run, Run]:
+    """Return two runs without the tasks, and the exploration, that only one of them has.
+
+    Raises:
+        UsageError: they have no task in common.
+    """
+    tasks = [task for task in first.tasks if task in second.tasks]
+    if not tasks:
+        of_each = " and ".join(f"'{run.name}' of {', '.join(run.tasks)}" for run in (first, second))
+        raise UsageError(f"no task to compare: {printable(of_each)}")
+    explored = first.exploration_rows and second.exploration_rows
+    shared = []
+    for run in (first, second):
+        rows, exploration = (
+            tuple(row for row in part if row.task in tasks)
+            for part in (run.rows, run.exploration_rows if explored else ())
+        )
+        shared.append(replace(run, rows=rows, exploration_rows=exploration))
+    return shared[0], shared[1]
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:

@@ -325,6 +325,9 @@ def differences_of_making(first: Run, second: Run) -> Iterator[str]:
     """Say in what two runs differ that is not the policy, and may matter."""
     for task in first.header.rules_differ(second.header):
         yield f"{printable(task)} is left out: its rules differ"
+    for one_run, other_run in ((first, second), (second, first)):
+        if alone := [task for task in one_run.tasks if task not in other_run.tasks]:
+            yield printable(f"left out, because '{other_run.name}' has none: {', '.join(alone)}")
     if bool(first.exploration_rows) != bool(second.exploration_rows):
         without = second if first.exploration_rows else first
         yield f"exploration is left out: '{printable(without.name)}' has none"

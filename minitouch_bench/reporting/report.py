@@ -264,8 +264,9 @@ def table4_markdown(report: Report) -> str:
 def table4_latex(report: Report) -> str:
     """Write Table 4 as LaTeX, ready for a paper."""
     header = report.sections[0].run.header
-    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}, beside the paper."
-    return tables.table_latex(report.table4, caption)
+    beside = ", beside the paper" if any(c.is_paper for c in report.table4.columns) else ""
+    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}{beside}."
+    return tables.table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
 
 
 def table4_csv(report: Report) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import printable
@@ -29,6 +30,11 @@ from minitouch_bench.runs.run import Run
 
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 
+BEST_NOTE = (
+    "Bold: the best of these runs in a task and metric, whether or not the difference is "
+    "significant."
+)
+
 NO_DIFFERENCE = "no difference seen"
 """The verdict on a gap whose interval holds 0."""
 
@@ -53,26 +59,40 @@ def find_generalization(run: Run, task: str) -> Generalization | None:
 
 def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str]) -> Table:
     """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
+    is_printed = any(labels.paper_value(*names, "HaC") for names in product(tasks, metrics))
+    methods = labels.PAPER_METHODS if is_printed else ()
     columns: list[Column] = []
     for task in tasks:
         columns += (Column(section.marked_name, task_title(task)) for section in sections)
-        columns += (Column(one, task_title(task), is_paper=True) for one in labels.PAPER_METHODS)
+        columns += (Column(one, task_title(task), is_paper=True) for one in methods)
     rows = []
     for metric in metrics:
         cells: list[Cell] = []
         for task in tasks:
             found = (find_estimate(section.run, task, metric) for section in sections)
-            cells += (estimate_cell(metric, estimate) for estimate in found)
-            cells += (labels.paper_cell(task, metric, method) for method in labels.PAPER_METHODS)
+            ours = [estimate_cell(metric, estimate) for estimate in found]
+            cells += mark_best(ours, METRICS[metric].direction_in(task))
+            cells += (labels.paper_cell(task, metric, method) for method in methods)
         rows.append(Row((labels.metric_head(metric),), tuple(cells), METRICS[metric].unit))
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
         f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
-        labels.PAPER_NOTE,
+        *([labels.PAPER_NOTE] if is_printed else []),
     )
-    return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes)
+    has_best = any(cell.is_best for row in rows for cell in row.cells)
+    caption = BEST_NOTE if has_best else ""
+    return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes, caption)
+
+
+def mark_best(cells: Sequence[Cell], direction: str) -> list[Cell]:
+    """Mark the best of several values as they are written; none where they are written alike."""
+    known = [cell for cell in cells if cell.sort_key is not None]
+    if direction == NO_DIRECTION or len({cell.text for cell in known}) < 2:
+        return [*cells]
+    best = (max if direction == UP else min)(known, key=lambda cell: cell.sort_key or 0.0)
+    return [replace(cell, is_best=cell.text == best.text) for cell in cells]
 
 
 def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:

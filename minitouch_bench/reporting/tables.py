@@ -38,7 +38,7 @@ class Cell:
     """A value as text.
 
     ``small`` is printed below or behind the value: its interval, or a mark. ``title`` says how
-    both were made. A sort goes by ``sort_key``.
+    both were made. A sort goes by ``sort_key``. A value that ``is_best`` is bold on a page.
     """
 
     text: str = ABSENT
@@ -46,6 +46,7 @@ class Cell:
     title: str = ""
     sort_key: float | None = None
     gauge: Gauge | None = None
+    is_best: bool = False
 
     def __str__(self) -> str:
         return f"{self.text} {self.small}".rstrip()
@@ -78,13 +79,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table ready to draw: ``corner`` names the row heads, ``notes`` are printed below."""
+    """A table ready to draw: ``corner`` names the row heads, ``notes`` are printed below.
+
+    ``caption`` says what only a page shows: what bold means.
+    """
 
     title: str
     corner: tuple[str, ...]
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
+    caption: str = ""
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
@@ -235,7 +240,7 @@ def as_markdown(blocks: Iterable[Block]) -> list[str]:
 
 def table_section(table: Table) -> list[str]:
     """Write a table below its title, and its notes below it; of a wide one a table per block."""
-    notes = [f"- {escape_md(note)}" for note in table.notes]
+    notes = [f"- {escape_md(note)}" for note in (table.caption, *table.notes) if note]
     blocks = [table]
     if len(table.columns) > WIDEST:
         blocks = [table.block(group).filled_columns() for group, _ in table.groups]
@@ -260,11 +265,17 @@ def table_lines(table: Table) -> list[str]:
         if row.unit:
             first[-1] += f"<br>{escape_md(row.unit)}"
         cells = (
-            code_span(str(cell)).replace("|", "\\|") if column.is_code else escape_md(str(cell))
+            code_span(str(cell)).replace("|", "\\|") if column.is_code else _markdown_cell(cell)
             for cell, column in zip(row.cells, table.columns, strict=True)
         )
         lines.append(_markdown_row([*first, *cells]))
     return lines
+
+
+def _markdown_cell(cell: Cell) -> str:
+    if not cell.is_best:
+        return escape_md(str(cell))
+    return f"**{escape_md(cell.text)}** {escape_md(cell.small)}".rstrip()
 
 
 def _markdown_row(cells: Iterable[str]) -> str:
@@ -308,8 +319,9 @@ def table_latex(table: Table, caption: str) -> str:
     """Write a table as a float, its blocks below each other so that it fits a page.
 
     The blocks must have the same columns. Intervals and units are printed on a line of small print.
+    Rows and blocks in which the paper alone has values are left out.
     """
-    blocks = [table.block(group) for group, _ in table.groups]
+    blocks = [block for group, _ in table.groups if (block := _own_rows(table.block(group))).rows]
     columns = blocks[0].columns if blocks else ()
     width = len(table.corner) + len(columns)
     names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
@@ -321,7 +333,7 @@ def table_latex(table: Table, caption: str) -> str:
         rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
         r"    \toprule",
         _latex_row([*map(escape_tex, table.corner), *names]),
-        _latex_small([*[""] * len(table.corner), *units]),
+        *([_latex_small([*[""] * len(table.corner), *units])] if any(units) else []),
     ]
     for block in blocks:
         lines.append(r"    \midrule")
@@ -329,13 +341,25 @@ def table_latex(table: Table, caption: str) -> str:
             name = rf"\textbf{{{escape_tex(block.title)}}}"
             lines.append(rf"    \multicolumn{{{width}}}{{l}}{{{name}}} \\")
         for row in block.rows:
-            lines.append(_latex_row(map(escape_tex, (*row.heads, *(c.text for c in row.cells)))))
+            lines.append(_latex_row((*map(escape_tex, row.heads), *map(_latex_cell, row.cells))))
             small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
             if any(small):
                 lines.append(_latex_small(small))
     lines += [r"    \bottomrule", r"  \end{tabular}}"]
     lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
     return "\n".join([*lines, r"\end{table}", ""])
+
+
+def _own_rows(block: Table) -> Table:
+    """Return a block with the rows that have a value which is not the paper's."""
+    is_own = [not column.is_paper for column in block.columns]
+    rows = (row for row in block.rows if any(c.text != ABSENT for c in compress(row.cells, is_own)))
+    return replace(block, rows=tuple(rows))
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = escape_tex(cell.text)
+    return rf"\textbf{{{text}}}" if cell.is_best else text
 
 
 def _latex_small(texts: Sequence[str]) -> str:

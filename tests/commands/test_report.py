@@ -39,6 +39,15 @@ def test_runs_are_called_what_the_user_says(scripted, tmp_path):
         run("report", *both, "--names", names, directory=tmp_path).refused(2, "names")
 
 
+def test_reports_of_several_runs_do_not_overwrite_one_another(scripted, tmp_path):
+    copies = [tmp_path / name for name in ("a", "b", "c")]
+    for copy in copies:
+        shutil.copytree(scripted[1], copy)
+    for chosen in (copies[:2], copies[1:], copies, copies[:2]):
+        assert run("report", *chosen, directory=tmp_path).code == 0
+    assert len([*tmp_path.glob("reports/comparison/*/report.html")]) == 3
+
+
 @pytest.mark.parametrize(
     ("form", "words"),
     [("latex", r"\toprule"), ("md", "| Metric |"), ("csv", "policy,task,"), ("json", '"policy":')],

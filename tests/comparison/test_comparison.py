@@ -20,6 +20,7 @@ from tests.comparison.pairs import (
     shown,
     values,
     with_actions,
+    with_header,
 )
 from tests.reporting.conftest import HOSTILE
 
@@ -62,6 +63,25 @@ def test_exploration_that_one_run_lacks_is_left_out_and_named():
     both = compared(explored, replace(BAD, exploration_rows=BAD.rows)).pairs[0]
     assert "exploration" in {one.effect.metric for one in both.metrics}
     assert not any("left out" in note for note in both.notes)
+
+
+def test_tasks_that_one_run_lacks_are_left_out_and_named():
+    parts = [drawn(name, 0.9, seed) for seed, name in enumerate(("some", "others"))]
+    some, others = (
+        with_header(replace(run, rows=tuple(row for row in run.rows if row.task in own)), tasks=own)
+        for run, own in zip(parts, (("pushing", "opening"), ("opening", "pick-up")), strict=True)
+    )
+    for pair in ((GOOD, some), (some, GOOD)):
+        found = compared(*pair).pairs[0]
+        assert found.notes == ("left out, because 'some' has none: playing, pick-up",)
+        tasks = {one.effect.task for one in found.metrics}
+        assert tasks == {"pushing", "opening", "mean"}
+    found = compared(some, others).pairs[0]
+    assert {one.effect.task for one in found.metrics} == {"opening"}
+    assert len([note for note in found.notes if note.startswith("left out")]) == 2
+    only = with_header(replace(some, rows=some.rows[:60]), tasks=("pushing",))
+    with pytest.raises(UsageError, match="no task to compare: 'some' of pushing and 'others'"):
+        compared(only, others)
 
 
 def test_more_of_a_metric_without_direction_is_neither_better_nor_worse():

@@ -2,13 +2,15 @@
 
 import re
 from dataclasses import replace
+from itertools import compress
 
 import pytest
 
+from minitouch_bench.metrics.definitions import DOWN, NO_DIRECTION, UP
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.run_tables import verdict
-from minitouch_bench.reporting.tables import ABSENT
+from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
+from minitouch_bench.reporting.run_tables import find_estimate, mark_best, verdict
+from minitouch_bench.reporting.tables import ABSENT, Cell
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
 
 
@@ -41,6 +43,47 @@ def test_table4_has_the_shape_of_the_paper_and_a_column_per_run(hac, scripted):
     assert success[0].small.startswith("[")
     assert [cell.text for cell in success[1:5]] == ["1.000", "0.733", "0.710", "0.582"]
     assert success[6].text == ABSENT  # scripted was not run on Opening
+
+
+def test_the_best_of_several_runs_is_bold_on_pages_and_the_caption_says_what_that_is():
+    cells = [Cell("0.500", sort_key=0.5), Cell(), Cell("0.250", sort_key=0.25)]
+    best = [[cell.is_best for cell in mark_best(cells, way)] for way in (UP, DOWN, NO_DIRECTION)]
+    assert best == [[True, False, False], [False, False, True], [False] * 3]
+    assert not any(cell.is_best for cell in mark_best(cells[:2], UP))
+    assert not any(cell.is_best for cell in mark_best([cells[0]] * 2, UP))
+
+
+def test_bold_is_in_every_form_of_several_runs_and_in_none_of_one(hac):
+    better = save(make_run("better", skill=1.0))
+    both = build_report([hac, better])
+    value = find_estimate(better, "pushing", "success").value
+    for form, bold in (
+        (TABLE_FORMATS["md"](both), f"**{value:.3f}** \\["),
+        (TABLE_FORMATS["latex"](both), rf"\textbf{{{value:.3f}}}"),
+        (to_html(both), f"<b>{value:.3f}</b>"),
+    ):
+        assert bold in form
+        assert "Bold: the best of these runs" in form
+    paper = [column.is_paper for column in both.table4.columns]
+    for line in both.table4.rows:
+        assert not any(cell.is_best for cell in compress(line.cells, paper))
+    for form in (TABLE_FORMATS["md"], TABLE_FORMATS["latex"], to_html):
+        assert "Bold" not in form(build_report([hac]))
+
+
+def test_where_the_paper_has_no_value_it_has_no_columns(hac):
+    table = build_report([hac], metrics=["touched"]).table4
+    assert not any(column.is_paper for column in table.columns)
+    latex = TABLE_FORMATS["latex"](build_report([hac], metrics=["touched"]))
+    assert "paper" not in latex
+    assert not re.search(r"^[\s&]*\\\\$", latex, re.MULTILINE)
+
+
+def test_latex_has_no_row_without_a_value_of_ours(hac):
+    bare = save(make_run("bare", exploration=False))
+    assert "Exploration" in TABLE_FORMATS["md"](build_report([bare]))
+    assert "Exploration" not in TABLE_FORMATS["latex"](build_report([bare]))
+    assert "Exploration" in TABLE_FORMATS["latex"](build_report([bare, hac]))
 
 
 def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
