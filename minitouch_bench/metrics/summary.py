@@ -1,5 +1,6 @@
 """The metrics of each episode, and from them the estimates of a run: by task, and by split."""
 
+import html
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count, Episode, Outcome, PlayedEpisode, Role
+from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import (
     METRICS,
     Metric,
@@ -89,6 +91,9 @@ class TaskResult:
             f"{name} {self.estimates[name]}" for name in TABLE4_METRICS if name in self.estimates
         )
         return f"<TaskResult of {self.task}: {', '.join(shown)}>"
+
+    def _repr_html_(self) -> str:
+        return results_html(self.task.capitalize(), [self], METRICS)
 
     def __getattr__(self, name: str) -> Estimate:
         estimates: Mapping[str, Estimate] = self.__dict__.get("estimates", {})
@@ -321,3 +326,36 @@ def table4_frame(summary: Summary) -> "pd.DataFrame":
             values = [getattr(one, end) if one else float("nan") for one in found]
             columns[part.task, end] = values
     return pd.DataFrame(columns, pd.Index(TABLE4_METRICS, name="metric"))
+
+
+def results_html(
+    title: str, results: Sequence[TaskResult], metrics: Iterable[str] = TABLE4_METRICS
+) -> str:
+    """Write what a notebook shows of results: metrics down, tasks across, outcomes below."""
+    import pandas as pd  # noqa: PLC0415
+
+    rows, names = {}, [result.task for result in results]
+    alone = names[0] if len(names) == 1 else ""
+    for name in metrics:
+        metric, found = METRICS[name], [result.estimates.get(name) for result in results]
+        if any(found):
+            texts = (f"{one:{metric.number_format}}" if one else "—" for one in found)
+            head = f"{metric.label} {metric.direction_in(alone)}".rstrip()
+            rows[head] = [metric.unit_in(alone), *texts]
+    ended = (
+        ", ".join(f"{how.replace('_', ' ')} {n}" for how, n in result.outcomes.items() if n)
+        for result in results
+    )
+    rows["Outcomes"] = ["episodes", *ended]
+    columns = ["unit", *(["value"] if alone else names)]
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    head, note = html.escape(printable(title)), "Brackets: 95 % interval over episodes."
+    return f"<p><b>{head}</b></p>{frame_html(frame)}<p><small>{note}</small></p>"
+
+
+def frame_html(frame: "pd.DataFrame", *, index: bool = True) -> str:
+    """Write a frame of texts as HTML; nothing of it is read as markup, and nothing is cut."""
+    import pandas as pd  # noqa: PLC0415
+
+    with pd.option_context("display.max_colwidth", None):
+        return str(frame.to_html(index=index, border=0))

@@ -30,6 +30,7 @@ from minitouch_bench.metrics.summary import (
     TaskResult,
     episodes_frame,
     measure,
+    results_html,
     summarize,
     table4_frame,
     with_touch_curves,
@@ -156,11 +157,9 @@ class Run:
     """A finished run: its facts as ``run.json`` has them, and what Python users read of them.
 
     ``run["pushing"]`` contains the estimates of a task, ``run["pushing"].success`` one of them.
-
     ``rows`` and ``exploration_rows``: what was measured in each episode, in the suite's order.
-    ``name`` is what the run is called, usually its directory's name. ``directory`` is None where
-    the run is kept in memory only. ``content``: the bytes of ``run.json`` that were read, empty
-    where it was not read from a file. For the other fields see ``RunDocument``.
+    ``name`` is what the run is called, usually its directory's. ``directory``: None in memory only.
+    ``content``: bytes of ``run.json``, if it was read from a file. Other fields: ``RunDocument``.
     """
 
     digest: str
@@ -224,6 +223,9 @@ class Run:
         label = "official" if self.header.official else reasons
         title = f"{self.header.policy.name} on {self.plan.suite}, {label}"
         return "\n\n".join([title, *(str(one) for one in self.summary.tasks)])
+
+    def _repr_html_(self) -> str:
+        return results_html(str(self).partition("\n")[0], self.summary.tasks)
 
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"

@@ -23,6 +23,7 @@ from tests.comparison.pairs import (
     with_header,
 )
 from tests.reporting.conftest import HOSTILE
+from tests.reporting.html_page import table_texts
 
 TASKS = ("playing", "pushing", "opening", "pick-up")
 
@@ -206,6 +207,14 @@ def test_printed_it_is_the_tables_and_it_has_a_frame_of_them():
     assert len(frame) == len(comparison.pairs[0].metrics)
 
 
+def test_a_notebook_shows_every_row_of_the_tables():
+    comparison = compared(GOOD, BAD)
+    *metrics, changes = table_texts(comparison._repr_html_())
+    assert sum(len(table) - 1 for table in metrics) == len(comparison.to_frame())
+    assert metrics[0][0][:4] == ["Task", "A", "B", "B minus A"]
+    assert changes[1][0] == comparison.pairs[0].changes[0].episode
+
+
 def test_the_screen_and_the_page_show_effect_interval_verdict_and_commands(tmp_path):
     comparison = compared(GOOD, with_actions(BAD, tmp_path))
     screen, page = shown(show_comparison, comparison), comparison_markdown(comparison)
@@ -229,3 +238,6 @@ def test_hostile_names_are_harmless_everywhere():
         assert "\u202e" not in text
     assert "<script>" not in outside_code(page)
     assert "<script>" in screen  # as text
+    notebook = comparison._repr_html_()
+    assert "<script>" not in notebook
+    assert "\x1b" not in notebook

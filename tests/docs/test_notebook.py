@@ -22,7 +22,12 @@ def test_the_notebook_runs_from_start_to_end(tmp_path):
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(notebook, timeout=900, resources=resources).execute()
     assert (tmp_path / "reports" / "trained" / "run.json").exists()
-    assert "image/gif" in str(notebook.cells)
+    shown = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    assert not [output for output in shown if output.output_type == "error"]
+    pages = [output.data.get("text/html", "") for output in shown if "data" in output]
+    assert sum("<progress" in page for page in pages) >= 3  # two runs and a training
+    assert sum("Touch share" in page for page in pages) >= 2  # a table of results, a comparison
+    assert sum("<iframe" in page for page in pages) == 1  # the replayed episode
 
 
 def test_the_notebook_is_stored_without_results():
