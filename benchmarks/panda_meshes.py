@@ -1,6 +1,7 @@
-"""Make ``minitouch_bench/simulation/panda/*.obj`` from the Panda that ``pybullet_data`` installs.
+"""Make the meshes in ``minitouch_bench/simulation/`` from the Panda of ``pybullet_data``.
 
-``python -m benchmarks.panda_meshes [DIRECTORY]``; the committed files are what it writes.
+``python -m benchmarks.panda_meshes [DIRECTORY]``; the committed files in ``panda/`` and
+``portrait/`` are what it writes.
 """
 
 import sys
@@ -9,11 +10,18 @@ from pathlib import Path
 import fast_simplification
 import numpy as np
 import trimesh
+from PIL import Image
 
-from minitouch_bench.simulation.bodies import MESHES, stock_panda
+from minitouch_bench.simulation.bodies import MESHES, PORTRAIT, stock_panda
 
 LIGHT_TRIANGLES = 90
 """Triangles kept of each link; at 84 x 84 pixels more cannot be told apart."""
+
+PORTRAIT_SHARE, PORTRAIT_LEAST = 0.09, 100
+"""Share of the triangles of each part that a picture of 240 x 240 needs, and how many at least."""
+
+SIDE, DARK_BELOW = 1024, 200
+"""Of the palette: the pixels of a side, and the gray level below which a part is dark."""
 
 
 def write_meshes(directory: Path) -> None:
@@ -26,20 +34,63 @@ def write_meshes(directory: Path) -> None:
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         if source.stem == "hand":
             _write(directory / "hand-stock.obj", vertices, faces)
-        if len(faces) > LIGHT_TRIANGLES:
-            # The simplifier stalls on coordinates in meters; in centimeters it does not.
-            vertices, faces = fast_simplification.simplify(
-                vertices * 100.0, faces, target_count=LIGHT_TRIANGLES, agg=7
-            )
-            vertices = vertices / 100.0
-        _write(directory / f"{source.stem}-light.obj", vertices, faces)
+        light = simplify(vertices, faces, LIGHT_TRIANGLES)
+        _write(directory / f"{source.stem}-light.obj", *light)
 
 
-def _write(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+def write_portraits(directory: Path) -> None:
+    """Write the white and the dark parts of all links, for pictures."""
+    directory.mkdir(parents=True, exist_ok=True)
+    meshes = stock_panda().parent / "meshes"
+    shared = [meshes / "collision" / f"{link}.obj" for link in ("link0", "link7")]
+    for source in (*shared, *(meshes / "visual").glob("*.obj")):
+        for tone, mesh in tones(source).items():
+            file = directory / f"{source.stem}-{tone}.obj"
+            _write(file, mesh.vertices, mesh.faces, mesh.vertex_normals)
+
+
+def tones(source: Path) -> dict[str, trimesh.Trimesh]:
+    """Return the white and the dark parts of a mesh, simplified; its texture is a palette."""
+    parts: dict[str, list[trimesh.Trimesh]] = {}
+    palette = np.asarray(Image.open(source.parents[1] / "visual" / "colors.png").convert("L"))
+    for mesh in trimesh.load_scene(source, group_material=True).geometry.values():
+        tone = "white"
+        uv = getattr(mesh.visual, "uv", None)
+        if uv is not None:
+            u, v = (SIDE * uv).astype(int).clip(0, SIDE - 1).T
+            tone = "dark" if palette[SIDE - 1 - v, u].mean() < DARK_BELOW else "white"
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        triangles = max(PORTRAIT_LEAST, round(PORTRAIT_SHARE * len(mesh.faces)))
+        light = trimesh.Trimesh(*simplify(mesh.vertices, mesh.faces, triangles), process=False)
+        parts.setdefault(tone, []).append(light)
+    return {tone: trimesh.util.concatenate(meshes) for tone, meshes in parts.items()}
+
+
+def simplify(
+    vertices: np.ndarray, faces: np.ndarray, triangles: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh of at most so many triangles."""
+    if len(faces) <= triangles:
+        return vertices, faces
+    # The simplifier stalls on coordinates in meters; in centimeters it does not.
+    vertices, faces = fast_simplification.simplify(
+        vertices * 100.0, faces, target_count=triangles, agg=7
+    )
+    return vertices / 100.0, faces
+
+
+def _write(
+    path: Path, vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray | None = None
+) -> None:
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
+    if normals is not None:
+        lines += [f"vn {x:.3f} {y:.3f} {z:.3f}" for x, y, z in normals]
+        lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in faces + 1]
+    else:
+        lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
 if __name__ == "__main__":
     write_meshes(Path(sys.argv[1]) if len(sys.argv) > 1 else MESHES)
+    write_portraits(Path(sys.argv[1]) if len(sys.argv) > 1 else PORTRAIT)

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from minitouch_bench.protocol.spec import Rgba
 from minitouch_bench.simulation.client import PhysicsClient
 
 MESHES = Path(__file__).parent / "panda"
+PORTRAIT = Path(__file__).parent / "portrait"
+"""The arm's meshes for pictures, which are not the protocol's."""
+PORTRAIT_COLORS = {"white": "1 1 1 1", "dark": "0.4 0.4 0.43 1"}
 
 Box = tuple[Sequence[float], Sequence[float]]
 """Center and full size (m) in the link's frame."""
@@ -58,6 +62,27 @@ def light_panda() -> Path:
             material.set("name", f"{name}_paint")
             color = observation.hand_color if name == "panda_hand" else observation.arm_color
             ET.SubElement(material, "color", rgba=_text(color))
+    return cache_file("panda", ".urdf", ET.tostring(root))
+
+
+@cache
+def portrait_panda() -> Path:
+    """Return the URDF of a Panda that is only looked at, with 8,000 triangles in two colors."""
+    root = ET.parse(stock_panda()).getroot()
+    for link in root.iter("link"):
+        for collision in link.findall("collision"):
+            link.remove(collision)
+        for whole in link.findall("visual"):
+            link.remove(whole)
+            stem = Path(next(whole.iter("mesh")).attrib["filename"]).stem
+            for color, rgba in PORTRAIT_COLORS.items():
+                if (file := PORTRAIT / f"{stem}-{color}.obj").exists():
+                    part = deepcopy(whole)
+                    part.remove(next(part.iter("material")))
+                    next(part.iter("mesh")).set("filename", str(file))
+                    material = ET.SubElement(part, "material", name=color)
+                    ET.SubElement(material, "color", rgba=rgba)
+                    link.append(part)
     return cache_file("panda", ".urdf", ET.tostring(root))
 
 

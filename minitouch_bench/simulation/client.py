@@ -110,6 +110,16 @@ class View:
         )
         return cls(tuple(view), tuple(projection))
 
+    def pixels(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], z: float, size: tuple[int, int]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the row and column of points (m) in an image ``size`` wide and high."""
+        points = np.stack(np.broadcast_arrays(x, y, z, 1.0), axis=-1)
+        seen = points @ np.reshape(self.view, (4, 4)) @ np.reshape(self.projection, (4, 4))
+        across, up = seen[..., 0] / seen[..., 3], seen[..., 1] / seen[..., 3]
+        row, column = size[1] * (1 - up) / 2, size[0] * (1 + across) / 2
+        return row.clip(0, size[1] - 1).astype(int), column.clip(0, size[0] - 1).astype(int)
+
 
 def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""

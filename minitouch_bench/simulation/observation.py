@@ -128,13 +128,7 @@ class GrayCamera:
         self, client: PhysicsClient, table: int, static_parts: Collection[Part]
     ) -> None:
         """Render the table and ``static_parts`` alone as the background from now on."""
-        static_parts = {(table, -1), *static_parts}
-        colors = client.colors()
-        moving = {part: color for part, color in colors.items() if part not in static_parts}
-        client.paint(dict.fromkeys(moving, INVISIBLE))
-        image = client.render(self._view, SIZE, SIZE, bodies=True)
-        client.paint(moving)
-        client.paint(dict.fromkeys(static_parts, INVISIBLE))
+        image = take_out(client, self._view, (SIZE, SIZE), {(table, -1), *static_parts})
         self._background = _pixels(image)
         self._background_depth = image.depth
         assert image.bodies is not None
@@ -166,6 +160,19 @@ class GrayCamera:
         return background.astype(np.uint8)
 
 
+def take_out(
+    client: PhysicsClient, view: View, size: tuple[int, int], static_parts: Collection[Part]
+) -> Image:
+    """Return an image of what never moves alone, ``size`` wide and high; it is drawn no more."""
+    colors = client.colors()
+    moving = {part: color for part, color in colors.items() if part not in static_parts}
+    client.paint(dict.fromkeys(moving, INVISIBLE))
+    image = client.render(view, *size, bodies=True)
+    client.paint(moving)
+    client.paint(dict.fromkeys(static_parts, INVISIBLE))
+    return image
+
+
 def _pixels(image: Image) -> NDArray[np.uint8]:
     red, green, blue = _WEIGHTS
     # Integers, so that every processor rounds alike; in place, since this runs every step.
@@ -178,16 +185,19 @@ def _pixels(image: Image) -> NDArray[np.uint8]:
 
 
 def seen_on_plane(
-    camera: CameraSpec, height: float
+    camera: CameraSpec, height: float, size: tuple[int, int] = (SIZE, SIZE)
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the x and y (m) where each pixel's ray meets z = ``height``, float64 (SIZE, SIZE)."""
+    """Return the x and y (m) where each pixel's ray meets z = ``height``, float64 (H, W).
+
+    ``size``: width and height of the image in pixels.
+    """
     yaw, pitch = math.radians(camera.yaw), math.radians(camera.pitch)
     forward = (-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch))
     right = (math.cos(yaw), math.sin(yaw), 0.0)
     up = (math.sin(yaw) * math.sin(pitch), -math.cos(yaw) * math.sin(pitch), math.cos(pitch))
     half = math.tan(math.radians(camera.field_of_view) / 2)
-    steps = ((np.arange(SIZE) + 0.5) / SIZE * 2.0 - 1.0) * half
-    across, upward = steps[np.newaxis, :], -steps[:, np.newaxis]
+    width, tall = (((np.arange(side) + 0.5) / side * 2.0 - 1.0) * half for side in size)
+    across, upward = width[np.newaxis, :] * (size[0] / size[1]), -tall[:, np.newaxis]
     rays = [forward[i] + across * right[i] + upward * up[i] for i in range(3)]
     eye = [camera.target[i] - camera.distance * forward[i] for i in range(3)]
     reach = (height - eye[2]) / rays[2]

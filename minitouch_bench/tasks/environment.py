@@ -14,8 +14,9 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.shapegen.manifest import Objects
-from minitouch_bench.simulation.bodies import add_table, stock_panda
+from minitouch_bench.simulation.bodies import add_table, portrait_panda
 from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.observation import (
     ContactWatch,
@@ -24,6 +25,8 @@ from minitouch_bench.simulation.observation import (
     Shadow,
     observation_space,
     read_touch,
+    seen_on_plane,
+    take_out,
 )
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
 from minitouch_bench.tasks.action import fit_action
@@ -291,8 +294,19 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         }
 
 
+LAMP = CameraSpec((0.45, 0.0, 0.0), -60.0, -65.0, near=1.0, distance=2.5, field_of_view=34.0)
+"""The light of pictures for people, as a camera that looks where it shines."""
+LAMP_PIXELS = (160, 160)
+SHADE = 0.88
+"""Light that is left where the arm or the object is between the lamp and the table."""
+
+
 class HumanRenderer:
-    """A second world, only ever drawn: built in the same order, and posed as the simulated one."""
+    """A second world, only ever drawn: built in the same order, and posed as the simulated one.
+
+    As in ``GrayCamera``, what never moves is drawn once an episode. Shadows fall on the table
+    alone: where the lamp sees something else, which costs a fifth of the renderer's own shadows.
+    """
 
     def __init__(self, width: int, height: int) -> None:
         self._client = PhysicsClient()
@@ -310,13 +324,25 @@ class HumanRenderer:
     def picture(self, task: Task, simulated: PhysicsClient) -> NDArray[np.uint8]:
         """Return a picture of the simulated world as it is, uint8 (height, width, 3)."""
         if self._built_for is not task:
-            self._client.reset_world()
-            add_table(self._client)
-            task.add_scenery(self._client)
-            task.add_object(self._client)
-            self._client.load_urdf(stock_panda(), fixed=True)
-            self._built_for = task
+            self._build(task)
         self._client.mirror(simulated)
-        width, height = self._size
-        view = View.of(task.spec.portrait, aspect=width / height)
-        return self._client.render(view, width, height, shadow=True).rgb.copy()
+        image = self._client.render(self._view, *self._size)
+        in_light = self._client.render(View.of(LAMP), *LAMP_PIXELS).depth == 1.0
+        light = np.where(self._is_table & ~in_light[self._lamp_pixel], SHADE, 1.0)
+        hidden = image.depth >= self._background.depth
+        lit = self._background.rgb * light[..., np.newaxis]
+        return np.where(hidden[..., np.newaxis], lit, image.rgb).astype(np.uint8)
+
+    def _build(self, task: Task) -> None:
+        client, (width, height), camera = self._client, self._size, task.spec.portrait
+        client.reset_world()
+        table = add_table(client)
+        static = {(table, -1), *task.add_scenery(client)}
+        self._view = View.of(camera, aspect=width / height)
+        self._background = take_out(client, self._view, self._size, static)
+        task.add_object(client)
+        client.load_urdf(portrait_panda(), fixed=True)
+        self._is_table = self._background.bodies == table
+        x, y = seen_on_plane(camera, PROTOCOL.physics.table_top, self._size)
+        self._lamp_pixel = View.of(LAMP).pixels(x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)
+        self._built_for = task

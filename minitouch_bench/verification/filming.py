@@ -17,7 +17,7 @@ from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.replay_check import is_as_recorded
 from minitouch_bench.verification.static_check import refuse_unplayable
 
-CPU_S_PER_PICTURE = 0.07
+CPU_S_PER_PICTURE = 0.02
 """Seconds of one core for a control step and its picture, for an estimate of the time."""
 
 

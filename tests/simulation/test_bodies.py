@@ -3,13 +3,14 @@ import math
 import pybullet
 import pytest
 
-from benchmarks.panda_meshes import write_meshes
+from benchmarks.panda_meshes import write_meshes, write_portraits
 from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,
     HANDLE_LINK,
     MESHES,
+    PORTRAIT,
     add_table,
     cabinet_urdf,
     cube_urdf,
@@ -93,9 +94,10 @@ def test_a_cube_rests_on_its_side_where_it_is_put(client):
 
 
 def test_the_committed_meshes_are_made_from_the_installed_panda(tmp_path):
-    write_meshes(tmp_path)
-    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert made == {path.name: path.read_bytes() for path in MESHES.iterdir()}
+    for write, committed in ((write_meshes, MESHES), (write_portraits, PORTRAIT)):
+        write(tmp_path / committed.name)
+        made = {path.name: path.read_bytes() for path in (tmp_path / committed.name).iterdir()}
+        assert made == {path.name: path.read_bytes() for path in committed.iterdir()}
 
 
 def test_the_urdf_has_the_protocol_s_fingers_and_colors():
