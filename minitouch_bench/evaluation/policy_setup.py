@@ -12,6 +12,7 @@ from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.policies.policy import (
+    FORMATS,
     SANDBOXED,
     Isolation,
     IsolationOptions,
@@ -145,6 +146,9 @@ def prepare_policies(
             raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
         explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
     setup = PolicySetup(plan, source, explorer, isolation)
+    for kind in dict.fromkeys(kind for one in setup.sources() for kind in one.kinds):
+        if kind in FORMATS and FORMATS[kind].advice:
+            note(FORMATS[kind].advice)
     if plan.conditions.change_the_senses and "scripted" in {one.kind for one in setup.sources()}:
         raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     return setup

@@ -1,7 +1,6 @@
 """ONNX checkpoints: inputs ``image`` and ``touch``, output ``action``. Runs as exported."""
 
 import math
-import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +9,14 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation, PolicySource
+from minitouch_bench.policies.policy import (
+    IMAGE_SHAPE,
+    RECURRENT_CLASS,
+    TO_REMEMBER,
+    TOUCH_SHAPE,
+    Observation,
+    PolicySource,
+)
 from minitouch_bench.policies.sources import check_bytes
 
 INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
@@ -59,7 +65,7 @@ def load_onnx(source: PolicySource) -> OnnxPolicy:
         return OnnxPolicy(
             session,
             f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
-            "action to the next. If it shall remember, export with torch.jit.script",
+            f"action to the next. {TO_REMEMBER}",
         )
     return OnnxPolicy(session)
 
@@ -70,7 +76,7 @@ def find_recurrent(model: Any) -> str:
         if node.op_type in ("GRU", "LSTM", "RNN"):
             return str(node.op_type)
         for entry in node.metadata_props:  # the classes of torch that a node comes from
-            if match := re.search(r"torch\.nn\.modules\.rnn\.(\w+)", entry.value):
+            if match := RECURRENT_CLASS.search(entry.value):
                 return match[1]
     return ""
 

@@ -1,5 +1,6 @@
 """What a policy is, how it is isolated, and the one table of the formats that it comes in."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -50,6 +51,15 @@ def warning_of(policy: Policy) -> str:
     return warning if isinstance(warning, str) else ""
 
 
+TO_REMEMBER = (
+    "If it shall remember, keep its state in a buffer that forward assigns, and save it with "
+    "torch.export (.pt2)"
+)
+"""What a loader advises that finds a memory without a state."""
+
+RECURRENT_CLASS = re.compile(r"torch\.nn\.modules\.rnn\.(\w+)")
+"""How an exported graph names the recurrent layer that a node comes from."""
+
 DIRECTORY = "directory"
 """The kind of a policy that is one file per task."""
 
@@ -93,10 +103,14 @@ class PolicySource:
             raise PolicyLoadError(f"{self.target} has no policy for the task '{task}': add {names}")
         return replace(part, deterministic=self.deterministic)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Its kind, or those of its parts, each once."""
+        return tuple(dict.fromkeys(part.kind for _, part in self.parts)) or (self.kind,)
+
     def identity(self) -> PolicyIdentity:
         """Return what a run records of the policy."""
-        kinds = [part.kind for _, part in self.parts] or [self.kind]
-        notes = tuple(note for kind in dict.fromkeys(kinds) for note in NOTES.get(kind, ()))
+        notes = tuple(note for kind in self.kinds for note in NOTES.get(kind, ()))
         address = self.address or self.target
         return PolicyIdentity(self.name, address, self.kind, self.digest, notes)
 
@@ -180,6 +194,7 @@ class Format:
     ``computes_with`` is the package whose version the actions depend on, as pip names it.
     ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
     computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
+    ``advice`` is what whoever evaluates such a file is told once.
     """
 
     loader: str
@@ -188,6 +203,7 @@ class Format:
     computes_with: str = ""
     runs_code: bool = False
     is_zip: bool = False
+    advice: str = ""
 
 
 FORMATS: Mapping[str, Format] = {
@@ -197,12 +213,21 @@ FORMATS: Mapping[str, Format] = {
     "native": Format(
         "minitouch_bench.policies.native:load_native", (".safetensors",), computes_with="torch"
     ),
+    "torch.export": Format(
+        "minitouch_bench.policies.exported:load_exported",
+        (".pt2",),
+        computes_with="torch",
+        runs_code=True,
+        is_zip=True,
+    ),
     "torchscript": Format(
         "minitouch_bench.policies.torchscript:load_torchscript",
         (".pt", ".ts"),
         computes_with="torch",
         runs_code=True,
         is_zip=True,
+        advice="TorchScript is deprecated since PyTorch 2.11: .pt and .ts are still read here; "
+        "save new policies with torch.export (.pt2)",
     ),
     "onnx": Format(
         "minitouch_bench.policies.onnx_policy:load_onnx",

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE, Observation, PolicySource
+from minitouch_bench.policies.policy import (
+    IMAGE_SHAPE,
+    TOUCH_SHAPE,
+    Observation,
+    PolicySource,
+    zero_observation,
+)
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.tasks.action import ACTION_SIZES
@@ -40,22 +46,34 @@ class NoOptimizer:
 
 
 class Sb3Policy:
-    """Run a policy of stable_baselines3."""
+    """Run a policy of stable_baselines3, with the frames of ``VecFrameStack`` if it wants them.
+
+    Raises:
+        PolicyLoadError: it was trained on another observation.
+    """
 
     def __init__(self, policy: Any, deterministic: bool) -> None:
         self._policy = policy
         self._deterministic = deterministic
+        space = getattr(policy, "observation_space", None)
+        self._frames = 1 if space is None else count_frames(space)
 
     def reset(self, seed: int, task: str) -> None:
-        """Forget the state, and seed torch's generator, which the policy samples from."""
+        """Forget state and frames, and seed torch's generator, which the policy samples from."""
         self._state = None
+        self._stack = {
+            name: np.zeros((self._frames * len(value), *value.shape[1:]), value.dtype)
+            for name, value in zero_observation().items()
+        }
         torch.manual_seed(seed)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the action as ``model.predict`` gives it, rescaled and clipped as it does."""
+        for name, value in observation.items():  # the newest frame is the last
+            self._stack[name] = np.concatenate((self._stack[name][len(value) :], value))
         with torch.inference_mode():
             action, self._state = self._policy.predict(
-                dict(observation), self._state, deterministic=self._deterministic
+                dict(self._stack), self._state, deterministic=self._deterministic
             )
         return action  # type: ignore[no-any-return]
 
@@ -98,7 +116,7 @@ def _open_settings(content: bytes) -> dict[str, Any]:
 
 def _build(settings: dict[str, Any], weights: bytes) -> Any:
     observed, acted = settings["observation_space"], settings["action_space"]
-    _check_observation(observed)
+    count_frames(observed)
     if getattr(acted, "shape", None) not in [(size,) for size in ACTION_SIZES]:
         raise PolicyLoadError(f"its actions have shape {acted.shape}, not (4,) or (5,)")
     refuse_normalized(settings)
@@ -118,16 +136,24 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
     return policy
 
 
-def _check_observation(space: Any) -> None:
+def count_frames(space: Any) -> int:
+    """Return how many observations one of the space joins: 1, or n with ``VecFrameStack(n)``.
+
+    Raises:
+        PolicyLoadError: it is another space.
+    """
     parts = dict(space.spaces) if isinstance(space, spaces.Dict) else {}
     touch = parts.pop("touch", None)
     felt = getattr(touch, "shape", None), getattr(touch, "dtype", None)
-    images = {"image": spaces.Box(0, 255, IMAGE_SHAPE, np.uint8)}
-    if parts != images or felt != (TOUCH_SHAPE, np.float32):
+    frames = max(1, (felt[0] or (0,))[0] // TOUCH_SHAPE[0])
+    images = {"image": spaces.Box(0, 255, (frames * IMAGE_SHAPE[0], *IMAGE_SHAPE[1:]), np.uint8)}
+    if parts != images or felt != ((frames * TOUCH_SHAPE[0],), np.float32):
         raise PolicyLoadError(
             f"it was trained on another observation ({str(space)[:120]}); here it is "
-            f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE})"
+            f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE}), or n of them joined "
+            "by VecFrameStack"
         )
+    return frames
 
 
 def refuse_normalized(settings: dict[str, Any]) -> None:
@@ -139,7 +165,7 @@ def refuse_normalized(settings: dict[str, Any]) -> None:
     last = settings.get("_last_obs")
     if not isinstance(last, dict) or last.keys() != {"image", "touch"}:
         return
-    openings = last["touch"][..., PROTOCOL.observation.openings]
+    openings = last["touch"].reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.openings]
     if last["image"].dtype != np.uint8 or (openings < 0).any() or (openings > 1).any():
         raise PolicyLoadError(
             "it was trained under VecNormalize, whose statistics are not in the zip. Train with "

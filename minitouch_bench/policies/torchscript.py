@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.native import as_array, to_tensors
-from minitouch_bench.policies.policy import Observation, PolicySource
+from minitouch_bench.policies.policy import TO_REMEMBER, Observation, PolicySource
 from minitouch_bench.policies.wire import plain_line
 
 RAN = "failed in the TorchScript interpreter"
@@ -38,7 +38,7 @@ class TorchScriptPolicy:
         memory = find_memory(module) if isinstance(module, torch.jit.ScriptModule) else ""
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: torch.jit.trace "
-            "drops what forward assigns. If it shall remember, export with torch.jit.script"
+            f"drops what forward assigns. {TO_REMEMBER}"
         )
 
     def reset(self, seed: int, task: str) -> None:
@@ -63,7 +63,7 @@ def load_torchscript(source: PolicySource) -> TorchScriptPolicy:
         PolicyLoadError: not a TorchScript file, or a forward of other arguments.
     """
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings():  # the format's ``advice`` says it
             warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
             module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
@@ -87,19 +87,24 @@ def load_torchscript(source: PolicySource) -> TorchScriptPolicy:
 def find_memory(module: Any) -> str:
     """Name what a module could remember with, where its ``forward`` writes to no attribute.
 
-    It is a recurrent layer, or a buffer of zeros as a hidden state begins with. "": there is none,
+    It is a recurrent layer, or a tensor of zeros as a hidden state begins with. "": there is none,
     or ``forward`` writes.
     """
-    modules = [(name, part, part.original_name) for name, part in module.named_modules()]
-    found = [f"a recurrent layer ({kind})" for _, _, kind in modules if kind in RECURRENT]
-    found += [
-        f"a buffer of zeros ('{buffer}')"
-        for _, part, kind in modules
-        if "Norm" not in kind
-        for buffer, value in part.named_buffers(recurse=False)
-        if value.is_floating_point() and not value.any()
-    ]
+    kinds = [part.original_name for part in module.modules()]
+    found = [f"a recurrent layer ({kind})" for kind in kinds if kind in RECURRENT]
+    found += name_zeros(dict(module.named_buffers()))
     return "" if not found or any(map(_writes, _nodes(module.inlined_graph))) else found[0]
+
+
+def name_zeros(tensors: Mapping[str, Any]) -> list[str]:
+    """Name the tensors that are all zeros, but for those of a normalization."""
+    return [
+        f"a tensor of zeros ('{name}')"
+        for name, value in tensors.items()
+        if isinstance(value, torch.Tensor)
+        and value.numel() > 1
+        and not (value.any() or name.endswith("running_mean"))
+    ]
 
 
 def _nodes(block: Any) -> Iterator[Any]:

@@ -17,6 +17,7 @@ RECIPES = sorted(file.stem for file in (EXAMPLES / "libraries").glob("*.py"))
 NEEDS = {
     "sb3_sac": ("stable_baselines3", "'minitouch-bench[sb3]'"),
     "sb3_ppo": ("stable_baselines3", "'minitouch-bench[sb3]'"),
+    "sb3_frame_stack": ("stable_baselines3", "'minitouch-bench[sb3]'"),
     "torchrl_ppo": ("torchrl", "'torchrl>=0.14'"),
     "skrl_ppo": ("skrl", "'skrl>=2'"),
     "tianshou_sac": ("tianshou", "'tianshou<1'"),

@@ -24,12 +24,12 @@ def observation() -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def light(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with the native and the TorchScript recipe's file, of the same network."""
+    """A directory with the native, torch.export and TorchScript recipes' files, of one network."""
     directory = tmp_path_factory.mktemp("light")
     torch.manual_seed(5)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
-        run_recipes(directory, "save_native(", "torch.jit.trace(")
+        run_recipes(directory, "save_native(", "torch.export.save(", "torch.jit.trace(")
     return directory
 
 

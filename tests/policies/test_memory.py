@@ -1,20 +1,31 @@
-"""Policies that remember: exports that lose what they remember are warned about."""
+"""Policies that remember: their episodes, and exports that lose what they remember."""
 
+import contextlib
+import importlib
 import warnings
+from collections import deque
 from pathlib import Path
 
+import cloudpickle
 import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
 
+import minitouch_bench as mt
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
-from minitouch_bench.policies.process import isolate
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.policy import (
+    KIND_BY_SUFFIX,
+    Isolation,
+    IsolationOptions,
+    zero_observation,
+)
 from minitouch_bench.runs.plan import make_plan
+from tests.policies.conftest import load
 
 pytestmark = pytest.mark.filterwarnings("ignore:`?torch.jit:DeprecationWarning")
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "policies"
+FILES = {"script": "policy.pt", "trace": "policy.pt", "export": "policy.pt2"}
 EXAMPLE = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.ones(1, 11))
 
 
@@ -52,6 +63,28 @@ class Stack(nn.Module):
         return torch.tanh(self.head(self.frames.flatten()[None]))
 
 
+class PlainState(Assigned):
+    """A GRU cell whose state is not a buffer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        del self.state
+        self.state = torch.zeros(1, 8)
+
+
+class Queue(nn.Module):
+    """The last four touch vectors, in a queue of Python's."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.head = nn.Linear(44, 5)
+        self.frames = deque([torch.zeros(1, 11)] * 4, maxlen=4)
+
+    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+        self.frames.append(touch)
+        return torch.tanh(self.head(torch.cat(list(self.frames), 1)))
+
+
 class Normalized(nn.Module):
     """No memory: the buffers of zeros are those of an untrained normalization."""
 
@@ -65,6 +98,11 @@ class Normalized(nn.Module):
 
 def export(module: nn.Module, how: str, path: Path) -> Path:
     module.eval()
+    if how == "export":
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a state that is not a buffer
+            torch.export.save(torch.export.export(module, EXAMPLE), path)
+        return path
     if how == "onnx":
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the exporter's own
@@ -84,34 +122,95 @@ def notes_of(path: Path, isolation: Isolation = Isolation.SANDBOX) -> list[str]:
     notes: list[str] = []
     options = IsolationOptions(isolation, trust=isolation is Isolation.NONE)
     prepare_policies(str(path), make_plan("smoke"), options, notes.append)
-    return notes
+    advised = [note for note in notes if note.startswith("TorchScript is deprecated")]
+    assert len(advised) == (path.suffix == ".pt")
+    return [note for note in notes if note not in advised]
 
 
 def remembers(path: Path) -> bool:
     """Tell whether a policy answers the same observation differently the second time."""
-    policy = isolate(parse_source(str(path)))
-    policy.reset(0, "opening")
+    policy = load(KIND_BY_SUFFIX[path.suffix], path)
     observation = {**zero_observation(), "touch": np.ones(11, np.float32)}
     first, second = (policy.act(observation).tolist() for _ in range(2))
-    policy.close()
     return first != second
 
 
 @pytest.mark.parametrize("module", [Assigned, WrittenInPlace, Stack])
-def test_a_script_keeps_its_state_and_is_not_warned_about(module, tmp_path):
-    path = export(module(), "script", tmp_path / "policy.pt")
+@pytest.mark.parametrize("how", ["script", "export"])
+def test_an_export_that_keeps_its_state_is_not_warned_about(module, how, tmp_path):
+    path = export(module(), how, tmp_path / FILES[how])
     assert remembers(path)
     assert notes_of(path) == []
 
 
-@pytest.mark.parametrize(("module", "named"), [(Assigned, "GRUCell"), (Stack, "'frames'")])
-@pytest.mark.parametrize("isolation", [Isolation.SANDBOX, Isolation.NONE])
-def test_a_trace_that_lost_its_state_is_warned_about(module, named, isolation, tmp_path):
-    path = export(module(), "trace", tmp_path / "policy.pt")
+@pytest.mark.parametrize(
+    ("how", "module", "named", "isolation"),
+    [
+        ("trace", Assigned, "GRUCell", Isolation.SANDBOX),
+        ("trace", Stack, "'frames'", Isolation.NONE),
+        ("export", PlainState, "GRUCell", Isolation.NONE),
+        ("export", Queue, "tensor of zeros", Isolation.SANDBOX),
+    ],
+)
+def test_an_export_that_lost_its_state_is_warned_about(how, module, named, isolation, tmp_path):
+    path = export(module(), how, tmp_path / FILES[how])
     assert not remembers(path)
     (note,) = notes_of(path, isolation)
     assert named in note
-    assert "torch.jit.script" in note
+    assert "torch.export" in note
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """The examples' modules by name, and the directory with the files that they wrote."""
+    directory = tmp_path_factory.mktemp("examples")
+    torch.manual_seed(4)
+    with contextlib.chdir(directory), pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(EXAMPLES)
+        modules = [importlib.import_module(file.stem) for file in EXAMPLES.glob("*.py")]
+    for module in modules:
+        cloudpickle.register_pickle_by_value(module)  # a worker cannot import it
+    return {module.__name__: module.policy for module in modules}, directory
+
+
+class AsClass:
+    """A module as a policy of Python's."""
+
+    def __init__(self, module: nn.Module) -> None:
+        self.module = module
+        self.start = {name: value.clone() for name, value in module.named_buffers()}
+
+    def reset(self, seed: int, task: str) -> None:
+        self.module.load_state_dict(self.start, strict=False)
+
+    def act(self, observation):
+        with torch.inference_mode():
+            return self.module(
+                torch.from_numpy(observation["image"])[None],
+                torch.from_numpy(observation["touch"])[None],
+            ).numpy()
+
+
+def digest_of(policy, **options):
+    run = mt.evaluate(
+        policy, "smoke", tasks=["pushing"], episodes=2, workers=1, **options
+    )
+    assert not run.faults
+    return run.digest
+
+
+@pytest.mark.parametrize("name", ["recurrent", "frame_stack"])
+def test_an_example_plays_the_episodes_of_its_python_class(examples, name):
+    modules, directory = examples
+    wanted = digest_of(AsClass(modules[name]))
+    files = sorted(directory.glob(f"{name}.*"))
+    assert {digest_of(str(file)) for file in files} == {wanted}
+    if name == "recurrent":
+        assert [file.suffix for file in files] == [".pt", ".pt2"]
+        trace = export(modules[name], "trace", directory / "trace.pt")
+        (note,) = notes_of(trace)
+        assert "GRUCell" in note
+        assert digest_of(str(trace)) != wanted
 
 
 def test_a_trace_that_writes_in_place_keeps_its_state(tmp_path):
@@ -120,8 +219,9 @@ def test_a_trace_that_writes_in_place_keeps_its_state(tmp_path):
     assert notes_of(path) == []
 
 
-def test_a_trace_without_memory_is_not_warned_about(tmp_path):
-    assert notes_of(export(Normalized(), "trace", tmp_path / "policy.pt")) == []
+@pytest.mark.parametrize("how", ["trace", "export"])
+def test_an_export_without_memory_is_not_warned_about(how, tmp_path):
+    assert notes_of(export(Normalized(), how, tmp_path / FILES[how])) == []
 
 
 def test_a_recurrent_onnx_graph_is_warned_about(tmp_path):

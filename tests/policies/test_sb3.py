@@ -199,6 +199,28 @@ def test_a_policy_with_a_state_keeps_it_for_the_episode(observation):
         assert [policy.act(observation)[0] for _ in range(3)] == [0, 1, 2]
 
 
+def test_a_model_of_stacked_frames_acts_as_it_does_in_its_training():
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+
+    inner = DummyVecEnv([lambda: Sinking(4)])
+    stacked = VecFrameStack(inner, 3)
+    small = {"features_extractor_kwargs": {"cnn_output_dim": 8}, "net_arch": [8]}
+    model = make("SAC", stacked, **small)
+    policies = load(saved(model)), load_object(keep_in_memory(model))
+    for _ in range(2):
+        seen = stacked.reset()
+        for policy in policies:
+            policy.reset(0, "pushing")
+        for _ in range(5):
+            wanted, _ = model.predict(seen, deterministic=True)
+            newest = {"image": seen["image"][0, -1:], "touch": seen["touch"][0, -11:]}
+            for policy in policies:
+                assert np.array_equal(policy.act(newest), wanted[0])
+            seen, *_ = stacked.step(wanted)
+    channels_last = VecFrameStack(inner, 3, channels_order="last")
+    refused(saved(make("SAC", channels_last, **small)), "joined by VecFrameStack")
+
+
 @pytest.mark.parametrize("algorithm", ["SAC", "PPO"])
 def test_a_model_whose_observations_were_normalized_is_refused(algorithm, observation):
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize

@@ -209,7 +209,7 @@ def test_a_module_that_mutates_its_observation_changes_its_copy(
     assert all(np.array_equal(before[name], observation[name]) for name in before)
 
 
-@pytest.mark.parametrize("suffix", ["pt", "zip"])
+@pytest.mark.parametrize("suffix", ["pt2", "pt", "zip"])
 def test_files_that_run_code_need_trust_out_of_the_sandbox(tmp_path, suffix):
     path = tmp_path / f"policy.{suffix}"
     path.write_bytes(hostile_modules.saved(hostile_modules.Counts("")))

@@ -32,7 +32,13 @@ onnx = pytest.importorskip("onnx")
 cloudpickle = pytest.importorskip("cloudpickle")
 pytest.importorskip("stable_baselines3")
 
-SUFFIXES = {"native": "safetensors", "torchscript": "pt", "onnx": "onnx", "sb3": "zip"}
+SUFFIXES = {
+    "native": "safetensors",
+    "torch.export": "pt2",
+    "torchscript": "pt",
+    "onnx": "onnx",
+    "sb3": "zip",
+}
 
 
 class Canary:
@@ -61,6 +67,7 @@ def files(light, onnx_file, tmp_path_factory):
         run_recipes(directory, "stable_baselines3")
     return {
         "native": light / "policy.safetensors",
+        "torch.export": light / "policy.pt2",
         "torchscript": light / "policy.pt",
         "onnx": onnx_file,
         "sb3": directory / "policy.zip",
@@ -245,6 +252,35 @@ def test_a_pickle_that_hides_what_it_tried_gained_nothing(policy, files, singing
     assert actions[0] == actions[1]
 
 
+def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, files, tmp_path):
+    contents = members(files["torch.export"])
+    (name,) = [name for name in contents if name.endswith("sample_inputs/model.pt")]
+    (configuration,) = [name for name in contents if name.endswith("model_weights_config.json")]
+    weights = json.loads(contents[configuration])
+    first = next(iter(weights["config"].values()))
+    first["use_pickle"] = True
+    canary = tmp_path / "canary"
+    song = io.BytesIO()
+    torch.save(Canary(canary), song)
+    for changed in (
+        {name: song.getvalue()},
+        {
+            configuration: json.dumps(weights).encode(),
+            configuration.replace("model_weights_config.json", first["path_name"]): song.getvalue(),
+        },
+    ):
+        content = zipped({**contents, **changed})
+        refused(policy, tmp_path, "torch.export", content, "torch.export.save")
+        assert not canary.exists()
+        path = tmp_path / "trusted.pt2"
+        path.write_bytes(content)
+        source = parse_source(str(path))
+        with pytest.raises(PolicyLoadError):
+            try_policy(source, ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
+        assert canary.exists()
+        canary.unlink()
+
+
 def test_pickles_as_sb3s_weights_are_not_opened(policy, files, tmp_path, canary):
     buffer = io.BytesIO()
     torch.save({"weights": Canary(canary)}, buffer)
@@ -289,7 +325,7 @@ def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_pa
     refused(policy, tmp_path, "native", content, text)
 
 
-@pytest.mark.parametrize("kind", ["torchscript", "sb3"])
+@pytest.mark.parametrize("kind", ["torch.export", "torchscript", "sb3"])
 def test_a_zip_bomb_is_not_unpacked(policy, files, tmp_path, kind):
     bomb = zipped({"policy/data/0": bytes(2**26)}, zipfile.ZIP_DEFLATED)
     many = zipped({f"data/{number}": b"" for number in range(10_001)})
