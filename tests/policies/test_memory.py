@@ -192,9 +192,7 @@ class AsClass:
 
 
 def digest_of(policy, **options):
-    run = mt.evaluate(
-        policy, "smoke", tasks=["pushing"], episodes=2, workers=1, **options
-    )
+    run = mt.evaluate(policy, "smoke", tasks=["pushing"], episodes=2, workers=1, **options)
     assert not run.faults
     return run.digest
 
