@@ -72,6 +72,7 @@ def verify(
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
         setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
     if found.passed:
+        opened.plan.load_objects()  # or refuse before any progress is shown
         try:
             with episode_progress() as callbacks, opening as running:
                 callbacks.phase("replaying", len(opened.header.specs()))

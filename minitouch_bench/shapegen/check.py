@@ -19,7 +19,7 @@ from minitouch_bench.shapegen.manifest import (
     splits_of,
 )
 from minitouch_bench.shapegen.mesh import RestPose
-from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine
+from minitouch_bench.shapegen.soundness import LIMITS, Reason, UnsoundError, examine, strictly
 
 MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
 """What the manifest tells of a shape beyond what its record holds."""
@@ -103,7 +103,8 @@ def _unsound(
 ) -> Iterator[str]:
     """Yield the shapes that fail a criterion, or measure otherwise than the manifest says."""
     order = sorted(bodies)
-    tasks = [shapes.shapes[position].record() for position in order]
+    is_imported = "imported" in shapes.document
+    tasks = [(shapes.shapes[position].record(), is_imported) for position in order]
     verdicts: dict[int, tuple[str, Any]] = {}
     for task, verdict in run_in_workers(examine_record, tasks, workers, name=lambda _: "a proof"):
         verdicts[order[task]] = verdict
@@ -132,11 +133,16 @@ def _numbers(pose: RestPose) -> list[float]:
     return [pose.height, pose.probability, *pose.rotation.ravel().tolist()]
 
 
-def examine_record(record: bytes) -> tuple[str, dict[str, Any]]:
-    """Return the reason a record's body is unsound ("" if none) and its measures."""
+def examine_record(task: tuple[bytes, bool]) -> tuple[str, dict[str, Any]]:
+    """Return the reason a record's body is unsound ("" if none) and its measures.
+
+    Of an imported one the sizes, poses and grips are measured only.
+    """
+    record, is_imported = task
     body = decode(record)
+    missed: dict[Reason, str] = {}
     try:
-        measures = examine(body)
+        measures = examine(body, missed.__setitem__ if is_imported else strictly)
     except UnsoundError as error:
         return str(error), {}
     return "", entry_of(body, measures, body.mass / measures.volume)

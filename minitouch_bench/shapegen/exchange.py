@@ -22,20 +22,30 @@ import trimesh
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
+from minitouch_bench.shapegen.grips import open_rig
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
-from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
+from minitouch_bench.shapegen.mesh import (
+    Mesh,
+    Points,
+    RestPose,
+    in_body_frame,
+    rest_poses,
+    solid_moments,
+)
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid, union
 from minitouch_bench.shapegen.soundness import (
     LIMITS,
     Reason,
+    Refuse,
     UnsoundError,
-    check_mesh,
     examine,
     grip_scale,
-    stable_poses,
+    height_and_width,
+    in_mm,
 )
 
 FAMILY = "imported"
@@ -53,6 +63,18 @@ MOST_BYTES = 64 * MIB
 """More than half a million faces of any of these formats."""
 
 
+LONGEST_SIDE = (0.020, 0.120)
+"""Least and greatest, m."""
+HIGHEST, WIDEST = 0.100, 0.120
+"""As an object lies, m; in Playing and Pick-up the hand begins beside any that is no larger."""
+HIGHEST_PUSHED = 0.080
+"""In Pushing the hand begins lower: up to this height it is clear of an object, m."""
+USUAL_DENSITY = 1000.0
+"""That of water, kg/m³."""
+UNITS = (1.0, 0.001, 0.01, 0.0254)
+"""Meters in what the unit of a file can be: m, mm, cm, inches."""
+
+
 class UnreadableError(Exception):
     """A file holds no mesh we can use; the text says why, in few words."""
 
@@ -62,7 +84,7 @@ class ImportConfig:
     """How objects become shapes.
 
     ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
-    size the Panda can grip. ``density`` in kg/m³, moved to the nearest at which the
+    size the Panda can grip. ``density`` in kg/m³; without one the nearest to 1000 at which the
     mass is within the bounds of a shape.
 
     Raises:
@@ -71,20 +93,28 @@ class ImportConfig:
 
     scale: float = 1.0
     fit: bool = False
-    density: float = 1000.0
+    density: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.scale < math.inf:
             raise UsageError(f"--scale is a number above 0, not {self.scale:g}")
 
+    def nearest(self, factor: float) -> str:
+        """Say with which scale, so many times this one, an object is accepted."""
+        return "" if self.fit else f"; accepted with --scale {self.scale * factor:.3g}"
+
 
 @dataclass(frozen=True)
 class ImportResult:
-    """The set made ("" as digest if nothing was accepted), and each refusal by file."""
+    """The set made ("" as digest if nothing was accepted), and each refusal by file.
+
+    ``not_promised``: what is promised of the thousand shapes and not of this object, by file.
+    """
 
     digest: str
     accepted: int
     refused: dict[str, str]
+    not_promised: dict[str, list[str]]
 
     def reasons(self) -> dict[str, int]:
         """Return the number of refusals by reason, without the measured number."""
@@ -115,33 +145,58 @@ def import_objects(
             answers[place] = answer
             progress(len(answers), len(paths))
         names = [str(path.relative_to(source)) for path in paths]
-        refused, kept, digest = {}, [], ""
+        refused, not_promised, kept, digest = {}, {}, [], ""
         for number, (name, plain) in enumerate(zip(names, _plain_names(names), strict=True)):
             reason, entry, record = answers[number]
             if reason:
                 refused[name] = reason
             else:
+                not_promised[name] = entry["not_promised"]
                 kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
         if kept:
             header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
             digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
-    return ImportResult(digest, len(kept), refused)
+    return ImportResult(digest, len(kept), refused, not_promised)
 
 
 def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
     """Return (reason refused or "", entry, record) of one file; runs in a worker."""
     path, config = task
+    missed: dict[Reason, str] = {}
     try:
         mesh = prepared(read_object(path), config)
-        check_mesh(mesh)
-        stable_poses(hull_of(mesh.vertices))
         volume = solid_moments(mesh).volume
         low, high = (mass / volume for mass in LIMITS.mass)
-        density = float(np.clip(config.density, low * 1.0001, high * 0.9999))
+        density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
         body = weighed(mesh, density)
-        return "", entry_of(body, examine(body), density), encode(body)
+        measures = examine(body, missed.__setitem__)
+        _check_usable(body, measures.poses[0], config, missed.__setitem__)
     except (UnreadableError, UnsoundError) as error:
         return str(error), {}, b""
+    not_promised = [f"{reason} ({detail})" for reason, detail in missed.items()]
+    return "", {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
+
+
+def _check_usable(body: Body, pose: RestPose, config: ImportConfig, refuse: Refuse) -> None:
+    """Refuse a body that the hand begins in, or that the policy's camera cannot see.
+
+    Raises:
+        UnsoundError: with the nearest scale that is accepted.
+    """
+    height, across = (round(side, 4) for side in height_and_width(body.visual, pose))
+    excess = max(height / HIGHEST, across / WIDEST)
+    if excess > 1.0:
+        limits = f"at most {in_mm(HIGHEST, 0)} and {in_mm(WIDEST, 0)}"
+        found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
+        raise UnsoundError(Reason.SIZE, found + config.nearest(0.99 / excess))
+    if height > HIGHEST_PUSHED:
+        refuse(Reason.IN_HAND, f"{in_mm(height)}, not {in_mm(HIGHEST_PUSHED, 0)}")
+    with open_rig(body) as rig:
+        pixels = rig.visible_pixels(pose)
+    if pixels < (least := PROTOCOL.observation.least_visible_pixels):
+        found = f"{pixels} pixels where it is farthest, not {least}"
+        factor = 1.1 * math.sqrt(least / max(1, pixels))
+        raise UnsoundError(Reason.UNSEEN, found + config.nearest(factor))
 
 
 def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
@@ -149,21 +204,33 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
 
     Raises:
         UnreadableError: it is not watertight.
-        UnsoundError: at no size can the Panda grip it.
+        UnsoundError: it is too long or too short.
     """
     solid = _solid_of(mesh)
     if solid.volume() <= 0.0:
         raise UnreadableError(NOT_WATERTIGHT)
     moved = in_body_frame(_simplified_solid(solid, BUILD.faces))
-    factor = grip_scale(moved, BUILD.width[1]) if config.fit else config.scale
+    factor = _fitting(moved) if config.fit else config.scale
+    longest, (low, high) = float(moved.extents.max()), LONGEST_SIDE
+    if not low <= longest * factor <= high:
+        units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
+        nearest = float(np.clip(longest * factor, low * 1.01, high * 0.99)) / longest / factor
+        found = f"{in_mm(longest * factor)}, not {low * 1000:.0f} to {in_mm(high, 0)}"
+        raise UnsoundError(Reason.SIZE, found + config.nearest(next(units, nearest)))
+    mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
+    # Slivers may have lost their area to the grid; the way through a solid drops them.
+    cleaned = to_mesh(to_solid(mesh))
+    return Mesh(quantized(cleaned.vertices), cleaned.faces)
+
+
+def _fitting(mesh: Mesh) -> float:
+    """Return a factor that makes a mesh as wide as the hand can grip, or no wider as it lies."""
     try:
-        mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
-        # Slivers may have lost their area to the grid; the way through a solid drops them.
-        cleaned = to_mesh(to_solid(mesh))
-        return Mesh(quantized(cleaned.vertices), cleaned.faces)
-    except ValueError:
-        longest = float(moved.extents.max()) * factor * 1000.0
-        raise UnreadableError(f"{Reason.SIZE} ({longest:.1f} mm)") from None
+        return grip_scale(mesh, BUILD.width[1])
+    except UnsoundError:
+        hull = hull_of(mesh.vertices)
+        height, across = height_and_width(hull, rest_poses(hull)[0])
+        return min(BUILD.width[1] / across, HIGHEST_PUSHED * 0.99 / height)
 
 
 def _simplified_solid(solid: Solid, faces: int) -> Mesh:

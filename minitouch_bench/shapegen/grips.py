@@ -1,14 +1,15 @@
 """Where to grip a body, and a free gripper to prove that it lies still and can be lifted."""
 
+import itertools
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from minitouch_bench.protocol.minitouch import PICK_UP, PROTOCOL
+from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
 from minitouch_bench.shapegen.body_codec import Body, body_files
 from minitouch_bench.shapegen.mesh import (
     Points,
@@ -19,7 +20,7 @@ from minitouch_bench.shapegen.mesh import (
     yaw,
 )
 from minitouch_bench.simulation.bodies import stock_panda
-from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
 
 PAD_HALF_WIDTH = 0.0105
 """Half the width of the Panda's finger along x, m."""
@@ -235,6 +236,20 @@ class GripRig:
         position, quaternion = self._client.pose(body)
         lowest = position[2] + float((self._vertices @ rotation_matrix(quaternion)[2]).min())
         return lowest >= PICK_UP.lift
+
+    def visible_pixels(self, pose: RestPose) -> int:
+        """Return how many pixels of a policy's image show the body where it is seen worst."""
+        body = self._fresh_world(pose.quaternion, pose.height)
+        counts = []
+        for spec in (PLAYING, PUSHING, PICK_UP):
+            (low_x, low_y, _), (high_x, high_y, _) = spec.workspace.low, spec.workspace.high
+            for x, y in itertools.product((low_x, high_x), (low_y, high_y)):
+                target = np.subtract(spec.camera.target, (x, y, PROTOCOL.physics.table_top))
+                view = View.of(replace(spec.camera, target=tuple(target.tolist())))
+                size = PROTOCOL.observation.image_size
+                image = self._client.render(view, size, size, bodies=True)
+                counts.append(np.count_nonzero(np.equal(np.asarray(image.bodies), body)))
+        return int(min(counts))
 
     def _fresh_world(self, quaternion: Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""

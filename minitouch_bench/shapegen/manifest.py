@@ -54,8 +54,9 @@ class Shape(Struct, frozen=True, rename=KEYS):
     ``mass`` in kg, ``extents`` (its sides along its own axes) in m. ``poses``: the ways it lies
     on a table: the one in which the tasks lay it down, then the others, likeliest first; the
     height is that of the center of mass, which is the origin of its frame. ``digest`` is the
-    SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. The record is at
-    ``offset`` in the file ``pack``. The others are what ``soundness.Measures`` says.
+    SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. ``not_promised``: what an
+    imported one lacks of the promises of the canonical set. The record is at ``offset`` in the file
+    ``pack``. The others are what ``soundness.Measures`` says.
     """
 
     name: PlainName
@@ -79,6 +80,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
     files_sha256: str
     offset: Count
     length: Count
+    not_promised: tuple[str, ...] = ()
     pack: Path = Path()
 
     @property

@@ -3,7 +3,7 @@
 All criteria are computed, never timed, so that a slow machine makes the same shapes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -46,6 +46,8 @@ class Reason(StrEnum):
     TOO_WIDE = "too wide for the fingers where it is high enough"
     SLIPS = "cannot be lifted by two fingers"
     COPY = "nearly the same solid as another shape"
+    IN_HAND = "so high that the hand can begin inside it in Pushing"
+    UNSEEN = "too small for the policy's camera"
 
 
 @dataclass(frozen=True)
@@ -110,11 +112,25 @@ class Measures:
     poses: tuple[RestPose, ...]
 
 
-def _mm(length: float, digits: int = 1) -> str:
+Refuse = Callable[[Reason, str], None]
+"""Called with each criterion that fails and its number, where a check can go on after it."""
+
+
+def strictly(reason: Reason, detail: str) -> None:
+    """Refuse a body for the first criterion that fails.
+
+    Raises:
+        UnsoundError: always.
+    """
+    raise UnsoundError(reason, detail)
+
+
+def in_mm(length: float, digits: int = 1) -> str:
+    """Write a length in m for people."""
     return f"{length * 1000:.{digits}f} mm"
 
 
-def check_mesh(mesh: Mesh) -> tuple[int, float]:
+def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
     """Check a visual mesh on its own; return its genus and its thinnest wall in m.
 
     Raises:
@@ -123,26 +139,26 @@ def check_mesh(mesh: Mesh) -> tuple[int, float]:
     if not np.isfinite(mesh.vertices).all():
         raise UnsoundError(Reason.NOT_FINITE)
     if len(mesh.faces) > LIMITS.max_faces:
-        raise UnsoundError(Reason.FACES, str(len(mesh.faces)))
+        raise UnsoundError(Reason.FACES, f"{len(mesh.faces)}, at most {LIMITS.max_faces}")
     solid = to_solid(mesh)
     if solid.is_empty() or solid.num_tri() != len(mesh.faces) or solid.volume() <= 0.0:
         raise UnsoundError(Reason.NOT_CLOSED)
-    if len(solid.decompose()) != 1:
-        raise UnsoundError(Reason.SEVERAL_BODIES)
+    if (count := len(solid.decompose())) != 1:
+        raise UnsoundError(Reason.SEVERAL_BODIES, f"{count}; join them, or give each a file")
     low, high = LIMITS.longest_side
     longest = float(mesh.extents.max())
     if not low <= longest <= high:
-        raise UnsoundError(Reason.SIZE, f"{_mm(longest)}, not {low * 1000:.0f} to {_mm(high, 0)}")
+        refuse(Reason.SIZE, f"{in_mm(longest)}, not {low * 1000:.0f} to {in_mm(high, 0)}")
     genus = int(solid.genus())
     if genus > LIMITS.max_genus:
-        raise UnsoundError(Reason.GENUS, str(genus))
+        refuse(Reason.GENUS, f"{genus}, at most {LIMITS.max_genus}")
     wall = thinnest_wall(mesh)
     if wall < LIMITS.least_wall:
-        raise UnsoundError(Reason.THIN_WALL, _mm(wall))
+        refuse(Reason.THIN_WALL, f"{in_mm(wall)}, at least {in_mm(LIMITS.least_wall)}")
     return genus, wall
 
 
-def check_hulls(body: Body) -> tuple[float, float]:
+def check_hulls(body: Body, refuse: Refuse = strictly) -> tuple[float, float]:
     """Check the hulls against the mesh; return the misfit (share) and the overhang (m).
 
     Raises:
@@ -157,7 +173,7 @@ def check_hulls(body: Body) -> tuple[float, float]:
     cover = union(parts)
     misfit = symmetric_difference(cover, solid) / float(solid.volume())
     if misfit > LIMITS.misfit:
-        raise UnsoundError(Reason.MISFIT, f"{misfit:.3f}")
+        refuse(Reason.MISFIT, f"{misfit:.3f}, at most {LIMITS.misfit}")
     excess = to_mesh(cover - solid)
     outside = 0.0
     if len(excess.faces):
@@ -167,11 +183,11 @@ def check_hulls(body: Body) -> tuple[float, float]:
         cloud = cloud[kept]
         outside = float(distances_to_surface(cloud, body.visual).max())
     if outside > LIMITS.outside:
-        raise UnsoundError(Reason.OUTSIDE, _mm(outside))
+        refuse(Reason.OUTSIDE, f"{in_mm(outside)}, at most {in_mm(LIMITS.outside)}")
     return misfit, outside
 
 
-def check_numbers(body: Body) -> None:
+def check_numbers(body: Body, refuse: Refuse = strictly) -> None:
     """Check mass and moments of inertia.
 
     Raises:
@@ -182,33 +198,36 @@ def check_numbers(body: Body) -> None:
         raise UnsoundError(Reason.NOT_FINITE, "mass or inertia")
     low, high = LIMITS.mass
     if not low <= body.mass <= high:
-        raise UnsoundError(Reason.MASS, f"{body.mass:.3f} kg, not {low} to {high} kg")
+        refuse(Reason.MASS, f"{body.mass:.3f} kg, not {low} to {high} kg")
     moments = np.sort(numbers[1:])
     if moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
         raise UnsoundError(Reason.INERTIA)
 
 
-def examine(body: Body) -> Measures:
+def examine(body: Body, refuse: Refuse = strictly) -> Measures:
     """Check a body by every criterion, cheapest first, and return what was measured.
+
+    With another ``refuse`` than ``strictly`` what the set promises is measured only: sizes, poses
+    and grips. A body that is not closed, not one or not at rest on the table is refused always.
 
     Raises:
         UnsoundError: the first criterion that fails.
     """
-    check_numbers(body)
-    genus, wall = check_mesh(body.visual)
-    misfit, outside = check_hulls(body)
+    check_numbers(body, refuse)
+    genus, wall = check_mesh(body.visual, refuse)
+    misfit, outside = check_hulls(body, refuse)
     hull = hull_of(np.concatenate([part.vertices for part in body.hulls]))
     with open_rig(body) as rig:
-        held = with_shares(hull, settled_poses(rig, stable_poses(hull)))
-        laid = held[laid_pose(hull, held)]
-        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003))
+        held = with_shares(hull, settled_poses(rig, stable_poses(hull, refuse), refuse))
+        laid = held[laid_pose(hull, held, refuse)]
+        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003), refuse)
     poses = (laid, *(pose for pose in held if pose is not laid))
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
 
 
-def stable_poses(hull: Mesh) -> tuple[RestPose, ...]:
+def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:
     """Return the stable poses of a hull by statics, likeliest first.
 
     Raises:
@@ -216,12 +235,13 @@ def stable_poses(hull: Mesh) -> tuple[RestPose, ...]:
     """
     poses = rest_poses(hull, LIMITS.least_share)
     if len(poses) < 2:
-        raise UnsoundError(Reason.FEW_POSES)
-    laid_pose(hull, poses)
+        refuse(Reason.FEW_POSES, str(len(poses)))
+        poses = poses or rest_poses(hull)[:1]  # a ball rests anywhere
+    laid_pose(hull, poses, refuse)
     return poses
 
 
-def laid_pose(hull: Mesh, poses: Sequence[RestPose]) -> int:
+def laid_pose(hull: Mesh, poses: Sequence[RestPose], refuse: Refuse = strictly) -> int:
     """Return the likeliest of a hull's poses that is high enough, and narrow enough at every yaw.
 
     Raises:
@@ -230,13 +250,15 @@ def laid_pose(hull: Mesh, poses: Sequence[RestPose]) -> int:
     boxes = [height_and_width(hull, pose) for pose in poses]
     high = [index for index, (height, _) in enumerate(boxes) if height >= LIMITS.least_height]
     if not high:
-        highest = _mm(max(height for height, _ in boxes))
-        raise UnsoundError(Reason.TOO_FLAT, f"{highest}, not {_mm(LIMITS.least_height, 0)}")
+        high = [*range(len(boxes))]
+        highest = in_mm(max(height for height, _ in boxes))
+        refuse(Reason.TOO_FLAT, f"{highest}, not {in_mm(LIMITS.least_height, 0)}")
     for index in high:
         if boxes[index][1] + 2.0 * LIMITS.margin <= LIMITS.widest:
             return index
-    narrowest = _mm(min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin)
-    raise UnsoundError(Reason.TOO_WIDE, f"{narrowest}, not {_mm(LIMITS.widest, 0)}")
+    narrowest = in_mm(min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin)
+    refuse(Reason.TOO_WIDE, f"{narrowest}, not {in_mm(LIMITS.widest, 0)}")
+    return high[0]
 
 
 def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
@@ -264,7 +286,9 @@ def grip_scale(mesh: Mesh, width: float) -> float:
     raise UnsoundError(Reason.TOO_FLAT)
 
 
-def settled_poses(rig: GripRig, poses: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
+def settled_poses(
+    rig: GripRig, poses: tuple[RestPose, ...], refuse: Refuse = strictly
+) -> tuple[RestPose, ...]:
     """Return the poses that hold in the simulator, as it leaves them.
 
     Raises:
@@ -274,18 +298,18 @@ def settled_poses(rig: GripRig, poses: tuple[RestPose, ...]) -> tuple[RestPose, 
     for pose in poses:
         rest = rig.settle(pose)
         if not LIMITS.gap[0] <= rest.gap <= LIMITS.gap[1]:
-            raise UnsoundError(Reason.SINKS, _mm(rest.gap, 2))
+            raise UnsoundError(Reason.SINKS, in_mm(rest.gap, 2))
         if rest.tilt > LIMITS.tilt:
             continue
         if rest.speed > LIMITS.speed or rest.spin > LIMITS.spin:
-            raise UnsoundError(Reason.RESTLESS, f"{rest.speed:.4f} m/s, {rest.spin:.3f} rad/s")
+            refuse(Reason.RESTLESS, f"{rest.speed:.4f} m/s, {rest.spin:.3f} rad/s")
         settled = RestPose(rest.quaternion, rest.height, pose.probability)
         down = settled.rotation[2]
         if all(down @ other.rotation[2] < np.cos(LIMITS.tilt) for other in held):
             held.append(settled)
     if len(held) < 2:
-        raise UnsoundError(Reason.FEW_POSES)
-    return tuple(held)
+        refuse(Reason.FEW_POSES, str(len(held)))
+    return tuple(held) or poses[:1]
 
 
 def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
@@ -299,7 +323,7 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
     return tuple(RestPose(held[i].quaternion, held[i].height, float(shares[i])) for i in order)
 
 
-def lifted_share(rig: GripRig, pose: RestPose, surface: Points) -> float:
+def lifted_share(rig: GripRig, pose: RestPose, surface: Points, refuse: Refuse = strictly) -> float:
     """Return the share of evenly spaced yaws at which two fingers lift the body from a pose.
 
     Raises:
@@ -309,5 +333,5 @@ def lifted_share(rig: GripRig, pose: RestPose, surface: Points) -> float:
     for step in range(LIMITS.yaws):
         failed += not rig.lift(pose, np.pi * step / LIMITS.yaws, surface)
         if failed > LIMITS.slips * LIMITS.yaws:
-            raise UnsoundError(Reason.SLIPS)
+            refuse(Reason.SLIPS, f"{failed} of {LIMITS.yaws} grips fail")
     return 1.0 - failed / LIMITS.yaws

@@ -12,7 +12,7 @@ def imported(monkeypatch, tmp_path, refused, *options, accepted=1):
     """Run ``import`` where the objects have been refused for these reasons."""
 
     def import_objects(source, folder, config, workers, progress):
-        return exchange.ImportResult("d" * 64, accepted, refused)
+        return exchange.ImportResult("d" * 64, accepted, refused, {})
 
     monkeypatch.setattr(exchange, "import_objects", import_objects)
     command = ["import", str(tmp_path), "--output", str(tmp_path / "set"), *options]
