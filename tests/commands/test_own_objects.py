@@ -80,4 +80,4 @@ def test_own_objects_are_evaluated_verified_and_compared(mine, tmp_path):
     assert run("verify", "random", directory=tmp_path).code == 0
     (tmp_path / "set").rename(tmp_path / "away")
     run("verify", "random", directory=tmp_path).refused(2, "objects of the run are gone")
-    run("replay", "random", "pushing/1", directory=tmp_path).refused(2, "gone")
+    run("replay", "random", "pushing/0", directory=tmp_path).refused(2, "gone")
