@@ -22,30 +22,36 @@ import trimesh
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
-from minitouch_bench.shapegen.grips import open_rig
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
 from minitouch_bench.shapegen.mesh import (
     Mesh,
     Points,
-    RestPose,
     in_body_frame,
     rest_poses,
     solid_moments,
 )
-from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid, union
+from minitouch_bench.shapegen.solids import (
+    Solid,
+    hull_of,
+    simplified_solid,
+    to_mesh,
+    to_solid,
+    union,
+)
 from minitouch_bench.shapegen.soundness import (
+    HIGHEST_PUSHED,
     LIMITS,
     Reason,
-    Refuse,
     UnsoundError,
+    check_usable,
     examine,
     grip_scale,
     height_and_width,
     in_mm,
+    lying_excess,
 )
 
 FAMILY = "imported"
@@ -63,12 +69,10 @@ MOST_BYTES = 64 * MIB
 """More than half a million faces of any of these formats."""
 
 
-LONGEST_SIDE = (0.020, 0.120)
-"""Least and greatest, m."""
-HIGHEST, WIDEST = 0.100, 0.120
-"""As an object lies, m; in Playing and Pick-up the hand begins beside any that is no larger."""
-HIGHEST_PUSHED = 0.080
-"""In Pushing the hand begins lower: up to this height it is clear of an object, m."""
+LENGTH = (0.010, 0.125)
+"""Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
+SEEN_LENGTH = 0.04
+"""Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
 """That of water, kg/m³."""
 UNITS = (1.0, 0.001, 0.01, 0.0254)
@@ -98,10 +102,6 @@ class ImportConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.scale < math.inf:
             raise UsageError(f"--scale is a number above 0, not {self.scale:g}")
-
-    def nearest(self, factor: float) -> str:
-        """Say with which scale, so many times this one, an object is accepted."""
-        return "" if self.fit else f"; accepted with --scale {self.scale * factor:.3g}"
 
 
 @dataclass(frozen=True)
@@ -170,33 +170,15 @@ def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], by
         density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
         body = weighed(mesh, density)
         measures = examine(body, missed.__setitem__)
-        _check_usable(body, measures.poses[0], config, missed.__setitem__)
-    except (UnreadableError, UnsoundError) as error:
+        check_usable(body, measures.poses[0], missed.__setitem__)
+    except UnreadableError as error:
         return str(error), {}, b""
+    except UnsoundError as error:
+        scale = config.scale * error.factor
+        advice = f"; accepted with --scale {scale:.3g}" if scale and not config.fit else ""
+        return f"{error}{advice}", {}, b""
     not_promised = [f"{reason} ({detail})" for reason, detail in missed.items()]
     return "", {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
-
-
-def _check_usable(body: Body, pose: RestPose, config: ImportConfig, refuse: Refuse) -> None:
-    """Refuse a body that the hand begins in, or that the policy's camera cannot see.
-
-    Raises:
-        UnsoundError: with the nearest scale that is accepted.
-    """
-    height, across = (round(side, 4) for side in height_and_width(body.visual, pose))
-    excess = max(height / HIGHEST, across / WIDEST)
-    if excess > 1.0:
-        limits = f"at most {in_mm(HIGHEST, 0)} and {in_mm(WIDEST, 0)}"
-        found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
-        raise UnsoundError(Reason.SIZE, found + config.nearest(0.99 / excess))
-    if height > HIGHEST_PUSHED:
-        refuse(Reason.IN_HAND, f"{in_mm(height)}, not {in_mm(HIGHEST_PUSHED, 0)}")
-    with open_rig(body) as rig:
-        pixels = rig.visible_pixels(pose)
-    if pixels < (least := PROTOCOL.observation.least_visible_pixels):
-        found = f"{pixels} pixels where it is farthest, not {least}"
-        factor = 1.1 * math.sqrt(least / max(1, pixels))
-        raise UnsoundError(Reason.UNSEEN, found + config.nearest(factor))
 
 
 def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
@@ -209,14 +191,16 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     solid = _solid_of(mesh)
     if solid.volume() <= 0.0:
         raise UnreadableError(NOT_WATERTIGHT)
-    moved = in_body_frame(_simplified_solid(solid, BUILD.faces))
+    moved = in_body_frame(simplified_solid(solid, BUILD.faces))
     factor = _fitting(moved) if config.fit else config.scale
-    longest, (low, high) = float(moved.extents.max()), LONGEST_SIDE
+    longest, (low, high) = 2.0 * float(np.abs(moved.vertices).max()), LENGTH
     if not low <= longest * factor <= high:
         units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
-        nearest = float(np.clip(longest * factor, low * 1.01, high * 0.99)) / longest / factor
+        hull = hull_of(moved.vertices)
+        most = 0.99 * min(high / longest, 1.0 / lying_excess(hull, rest_poses(hull)[0]))
+        nearest = float(np.clip(factor, SEEN_LENGTH / longest, most)) / factor
         found = f"{in_mm(longest * factor)}, not {low * 1000:.0f} to {in_mm(high, 0)}"
-        raise UnsoundError(Reason.SIZE, found + config.nearest(next(units, nearest)))
+        raise UnsoundError(Reason.SIZE, found, next(units, nearest))
     mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
     cleaned = to_mesh(to_solid(mesh))
@@ -231,23 +215,6 @@ def _fitting(mesh: Mesh) -> float:
         hull = hull_of(mesh.vertices)
         height, across = height_and_width(hull, rest_poses(hull)[0])
         return min(BUILD.width[1] / across, HIGHEST_PUSHED * 0.99 / height)
-
-
-def _simplified_solid(solid: Solid, faces: int) -> Mesh:
-    """Return a closed mesh of at most about ``faces`` faces, where that can be had."""
-    mesh = to_mesh(solid)
-    for target in (faces, faces * 7 // 8, faces * 3 // 4):
-        small = simplified(mesh, target)
-        check = to_solid(small)
-        if not check.is_empty() and check.volume() > 0.0 and len(check.decompose()) == 1:
-            return small
-    # Slower to shrink and coarser, but it never breaks a closed surface.
-    tolerance = float(mesh.extents.max()) / 1000.0
-    for _ in range(6):
-        if solid.num_tri() <= faces:
-            break
-        solid, tolerance = solid.simplify(tolerance), 1.6 * tolerance
-    return to_mesh(solid)
 
 
 def _solid_of(mesh: Mesh) -> Solid:

@@ -62,6 +62,23 @@ def simplified(mesh: Mesh, faces: int) -> Mesh:
     return Mesh(points, compact.reshape(-1, 3).astype(np.int32))
 
 
+def simplified_solid(solid: Solid, faces: int) -> Mesh:
+    """Return a closed mesh of at most about ``faces`` faces, where that can be had."""
+    mesh = to_mesh(solid)
+    for target in (faces, faces * 7 // 8, faces * 3 // 4):
+        small = simplified(mesh, target)
+        check = to_solid(small)
+        if not check.is_empty() and check.volume() > 0.0 and len(check.decompose()) == 1:
+            return small
+    # Slower to shrink and coarser, but it never breaks a closed surface.
+    tolerance = float(mesh.extents.max()) / 1000.0
+    for _ in range(6):
+        if solid.num_tri() <= faces:
+            break
+        solid, tolerance = solid.simplify(tolerance), 1.6 * tolerance
+    return to_mesh(solid)
+
+
 def superquadric(half_sides: Points, roundness: tuple[float, float]) -> Solid:
     """Return a superquadric: exponents near 0.2 give a box, 1 an ellipsoid, 1.8 a diamond."""
     east, north = roundness

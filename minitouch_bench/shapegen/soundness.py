@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.grips import GripRig, open_rig
 from minitouch_bench.shapegen.mesh import (
@@ -85,11 +86,21 @@ LIMITS = SoundnessConfig()
 """The limits of every set, also of an imported one."""
 
 
-class UnsoundError(Exception):
-    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number."""
+HIGHEST, WIDEST = 0.100, 0.120
+"""Of an imported object as it lies, m: the hand begins beside it in Playing and Pick-up."""
+HIGHEST_PUSHED = 0.080
+"""In Pushing the hand begins lower: up to this height it is clear of an object, m."""
 
-    def __init__(self, reason: Reason, detail: str = "") -> None:
+
+class UnsoundError(Exception):
+    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number.
+
+    ``factor``: what makes its size pass, 0 where a size is not the reason or none is known.
+    """
+
+    def __init__(self, reason: Reason, detail: str = "", factor: float = 0.0) -> None:
         """Keep the reason for counting."""
+        self.factor = factor
         super().__init__(f"{reason.value}{f' ({detail})' if detail else ''}")
         self.reason = reason
 
@@ -225,6 +236,32 @@ def examine(body: Body, refuse: Refuse = strictly) -> Measures:
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
+
+
+def check_usable(body: Body, pose: RestPose, refuse: Refuse) -> None:
+    """Check what an evaluation needs of any object: the hand's place, and to be seen.
+
+    Raises:
+        UnsoundError: the hand can begin inside it, or the policy's camera hardly sees it.
+    """
+    height, across = (round(side, 4) for side in height_and_width(body.visual, pose))
+    if (excess := lying_excess(body.visual, pose)) > 1.0:
+        limits = f"at most {in_mm(HIGHEST, 0)} and {in_mm(WIDEST, 0)}"
+        found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
+        raise UnsoundError(Reason.SIZE, found, 0.99 / excess)
+    if height > HIGHEST_PUSHED:
+        refuse(Reason.IN_HAND, f"{in_mm(height)}, not {in_mm(HIGHEST_PUSHED, 0)}")
+    with open_rig(body) as rig:
+        pixels = rig.visible_pixels(pose)
+    if pixels < (least := PROTOCOL.observation.least_visible_pixels):
+        found = f"{pixels} pixels where it is farthest, not {least}"
+        raise UnsoundError(Reason.UNSEEN, found, 1.1 * (least / max(1, pixels)) ** 0.5)
+
+
+def lying_excess(mesh: Mesh, pose: RestPose) -> float:
+    """Return how many times too large a mesh is in a pose, at most 1 where it is not."""
+    height, across = (round(side, 4) for side in height_and_width(mesh, pose))
+    return max(height / HIGHEST, across / WIDEST)
 
 
 def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:

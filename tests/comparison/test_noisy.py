@@ -1,7 +1,7 @@
 """A policy made worse on purpose is caught in the real simulator; one that is not passes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -9,9 +9,9 @@ import pytest
 from minitouch_bench.comparison.gate import Decision, GateResult, GateSettings, judge_runs
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.rollout import LocalEngine
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.runs.plan import Plan, make_plan
 from minitouch_bench.runs.run import Run, RunEnvironment, make_run
 from tests.evaluation.runs import request
 
@@ -57,7 +57,7 @@ class Variant:
     """Where a worker gets its policies from. ``noise`` None: half precision."""
 
     noise: float | None = None
-    perturbation: Perturbation = UNPERTURBED
+    plan: Plan = field(default_factory=lambda: make_plan("table4"))
 
     def make_policy(self, role, world_of):
         return HalfPolicy(world_of) if self.noise is None else NoisyPolicy(world_of, self.noise)

@@ -157,6 +157,22 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
         import_objects(tmp_path, folder, ImportConfig())
 
 
+def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Path) -> None:
+    things = {
+        "long": (block(0.08, 0.05, 0.2), "200.0 mm, not 10 to 125 mm"),
+        "wide": (block(0.11, 0.11, 0.02), "155.6 mm wide as it lies"),
+        "dice": (block(0.02, 0.02, 0.02), "9 pixels where it is farthest, not 15"),
+        "lopsided": (trimesh.creation.cone(0.03, 0.1), "150.0 mm, not"),
+    }
+    for name, (mesh, words) in things.items():
+        mesh.export(str(tmp_path / f"{name}.stl"))
+        said = refusal(tmp_path / f"{name}.stl")
+        assert words in said
+        scale = float(said.partition("accepted with --scale ")[2].rstrip(")"))
+        assert refusal(tmp_path / f"{name}.stl", ImportConfig(scale)) == ""
+        assert refusal(tmp_path / f"{name}.stl", ImportConfig(fit=True)) == ""
+
+
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_scale_is_above_0(scale: float) -> None:
     with pytest.raises(UsageError, match="--scale is a number above 0"):
