@@ -44,7 +44,7 @@ leaderboard: $(READY)
 .PHONY: site
 # The documentation with the leaderboard, in site/: every dead link is an error. It opens offline.
 site: $(SITE)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	$(BIN)/zensical build --clean --strict
 	cp -r reports/leaderboard site/leaderboard
 
 check: $(DEV)

@@ -277,8 +277,7 @@ def _claims(design: Mapping[str, Any], judged: pd.DataFrame) -> Iterator[str]:
         detectable = first["detectable"]
         rows.append(
             [
-                ", ".join(map(task_title, claim["tasks"])),
-                METRICS[metric].label,
+                f"{', '.join(map(task_title, claim['tasks']))}: {METRICS[metric].label.lower()}",
                 f"{claim['better']} \\> {', '.join(claim['worse'])}",
                 _means(metric, group) if is_whole else ABSENT,
                 _papers(claim),
@@ -288,8 +287,8 @@ def _claims(design: Mapping[str, Any], judged: pd.DataFrame) -> Iterator[str]:
             ]
         )  # fmt: skip
     yield from ("", "## Claims")
-    heads = ("Task", "Metric", "Claim", "Means over seeds", "The paper", "Detectable", "p")
-    yield from table_lines([*heads, "Verdict"], rows, 5)
+    heads = ("Task", "Claim", "Means over seeds", "The paper", "Detectable", "p", "Verdict")
+    yield from table_lines(heads, rows, 4)
     yield from _notes(*NOTES)
 
 

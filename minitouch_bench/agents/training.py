@@ -24,7 +24,7 @@ from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
-from minitouch_bench.simulation.observation import Observation
+from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -33,7 +33,8 @@ class ProgressRow:
     """The control steps since the row before; None where there is nothing to tell.
 
     ``intrinsic_reward``: mean over the batches, as learned from; ``task_reward``: the task's
-    own, per control step; ``touch_share``: share of control steps in contact; ``success``:
+    own, per control step; ``touch_share``: share of control steps in contact; ``force``: mean over
+    control steps of the larger of the two fingers' forces, N; ``success``:
     share of the ``episodes`` that ended. ``value`` is the critic's mean, ``entropy`` in
     nats. ``evaluation_*``: on episodes of their own, see ``evaluate_every`` in
     ``agents/config.py``.
@@ -45,6 +46,7 @@ class ProgressRow:
     intrinsic_reward: float | None
     task_reward: float | None
     touch_share: float | None
+    force: float | None
     success: float | None
     curiosity_loss: float | None
     critic_loss: float | None
@@ -82,14 +84,17 @@ class Tally:
 
     def __init__(self) -> None:
         self.steps = self.touched = self.episodes = self.successes = self.updates = 0
-        self.task_reward = 0.0
+        self.task_reward = self.force = 0.0
         self.losses: dict[str, Tensor] = {}
 
-    def add_step(self, reward: float, *, success: bool, touched: bool, ended: bool) -> None:
-        """Count a control step."""
+    def add_step(
+        self, reward: float, force: float, *, success: bool, touched: bool, ended: bool
+    ) -> None:
+        """Count a control step; ``force`` in N."""
         self.steps += 1
         self.touched += touched
         self.task_reward += reward
+        self.force += force
         self.episodes += ended
         self.successes += success
 
@@ -113,6 +118,7 @@ class Tally:
             episodes=self.episodes,
             task_reward=self.task_reward / self.steps if self.steps else None,
             touch_share=self.touched / self.steps if self.steps else None,
+            force=self.force / self.steps if self.steps else None,
             success=self.successes / self.episodes if self.episodes else None,
             evaluation_success=evaluation.success if evaluation else None,
             evaluation_touch_share=evaluation.touch_share if evaluation else None,
@@ -237,8 +243,10 @@ class Training:
             success=success,
             ended=terminated,
         )
+        forces = observation["touch"][FORCES].reshape(2, 3)
         self._tally.add_step(
             reward,
+            float(np.linalg.norm(forces, axis=1).max()),
             success=success,
             touched=bool(info["contact_ticks"] > 0),
             ended=terminated or truncated,

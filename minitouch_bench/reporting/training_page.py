@@ -2,7 +2,10 @@
 
 import io
 import math
+import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,6 +13,8 @@ import pandas as pd
 from minitouch_bench.files import PROGRESS_FILE, read_file
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import Chart, Mark, Plot
+from minitouch_bench.reporting.figures import FREE_AIR
+from minitouch_bench.reporting.labels import listed, task_title
 from minitouch_bench.reporting.pages import TEMPLATES, render_page
 
 EPISODES = 20
@@ -21,8 +26,9 @@ FIGURES = {
     "shares": (
         "What it does",
         f"Success over at least {EPISODES} training episodes, touch share over the control "
-        "steps between two rows; evaluation on episodes of their own. The upright line is "
-        "where the task's reward takes over.",
+        "steps between two rows; evaluation on episodes of their own. Force: mean over the control "
+        "steps of the larger of the two fingers' forces; a finger in free air reads about "
+        f"{FREE_AIR:g} N. The upright line is where the task's reward takes over.",
     ),
     "rewards": ("What it is paid", "Means between two rows of progress.csv."),
     "inside": ("How it learns", "Means over the gradient steps between rows."),
@@ -32,6 +38,7 @@ FIGURES = {
 PLOTS = {
     "success": ("shares", "Success"),
     "touch_share": ("shares", "Touch share"),
+    "force": ("shares", "Force, N"),
     "intrinsic_reward": ("rewards", "Intrinsic reward"),
     "task_reward": ("rewards", "Task reward per step"),
     "curiosity_loss": ("inside", "Curiosity loss"),
@@ -50,20 +57,32 @@ def training_page(directory: Path) -> str:
     last = rows.iloc[-1].to_dict()
     rows["success"] = episode_success(rows)
     both = (charts.LegendItem("training", TRAINING), charts.LegendItem("evaluation", EVALUATION))
+    is_evaluated = rows.filter(like="evaluation_").notna().any(axis=None)
     figures = []
     for key, (title, text) in FIGURES.items():
         columns = {name: caption for name, (figure, caption) in PLOTS.items() if figure == key}
         plots = [plot for item in columns.items() if (plot := _plot(rows, *item))]
         if plots:
-            legend = both if key == "shares" else ()
+            legend = both if key == "shares" and is_evaluated else ()
             figures.append(charts.Figure(key, title, text, tuple(plots), legend))
+    settings = read_file(directory / "config.toml").decode()
     return render_page(
         TEMPLATES / "training.html.j2",
+        scripts=("theme.js",),
         name=directory.resolve().name,
+        title=_title(tomllib.loads(settings)),
         last=last,
         figures=figures,
-        settings=read_file(directory / "config.toml").decode(),
+        settings=settings,
     )
+
+
+def _title(settings: Mapping[str, Any]) -> str:
+    """Say what was trained: task, method and seed, and the senses that it does without."""
+    words = [task_title(settings["task"]), settings["method"], f"seed {settings['seed']}"]
+    if without := settings.get("without"):
+        words.append(f"without {listed(without)}")
+    return ", ".join(words)
 
 
 def _plot(rows: pd.DataFrame, column: str, caption: str) -> Plot | None:

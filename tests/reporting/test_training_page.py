@@ -6,15 +6,17 @@ import pytest
 from minitouch_bench.reporting.training_page import EPISODES, episode_success, training_page
 
 COLUMNS = (
-    "step", "phase", "episodes", "intrinsic_reward", "task_reward", "touch_share", "success",
-    "curiosity_loss", "critic_loss", "actor_loss", "value", "entropy", "temperature",
+    "step", "phase", "episodes", "intrinsic_reward", "task_reward", "touch_share", "force",
+    "success", "curiosity_loss", "critic_loss", "actor_loss", "value", "entropy", "temperature",
     "evaluation_success", "evaluation_touch_share", "seconds",
 )  # fmt: skip
 
 
 @pytest.fixture
 def directory(tmp_path):
-    (tmp_path / "config.toml").write_text('task = "pushing"\nlog = "<script>"\n')
+    (tmp_path / "config.toml").write_text(
+        'task = "pushing"\nmethod = "hac"\nseed = 7\nwithout = ["touch"]\nlog = "<script>"\n'
+    )
     return tmp_path
 
 
@@ -26,7 +28,13 @@ def write_rows(directory, rows):
 
 
 def row(step, phase, **values):
-    basics = {"task_reward": 0.0, "touch_share": 0.1, "episodes": 5, "seconds": step / 10}
+    basics = {
+        "task_reward": 0.0,
+        "touch_share": 0.1,
+        "force": 4.0,
+        "episodes": 5,
+        "seconds": step / 10,
+    }
     return {"step": step, "phase": phase, **basics, **values}
 
 
@@ -35,11 +43,19 @@ def test_every_curve_that_was_recorded_is_drawn(directory):
     rows += [row(500 * i, "task", critic_loss=-1.5, success=0.4) for i in range(7, 12)]
     write_rows(directory, rows)
     page = training_page(directory)
-    for caption in ("Success", "Touch share", "Task reward per step", "Curiosity loss"):
+    for caption in ("Success", "Touch share", "Force, N", "Task reward per step", "Curiosity loss"):
         assert f"<figcaption>{caption}</figcaption>" in page
     assert "<figcaption>Entropy, nats</figcaption>" not in page
-    assert "5500 control steps in 9.2 minutes" in page
+    assert "5,500 control steps in 9.2 minutes" in page
     assert "&lt;script&gt;" in page
+    assert "<h1>Pushing, hac, seed 7, without touch</h1>" in page
+
+
+def test_the_legend_names_evaluation_only_where_it_is_drawn(directory):
+    write_rows(directory, [row(500, "task"), row(1000, "task")])
+    assert "evaluation</li>" not in training_page(directory)
+    write_rows(directory, [row(500, "task"), row(1000, "task", evaluation_success=0.4)])
+    assert "evaluation</li>" in training_page(directory)
 
 
 def test_losses_that_are_no_numbers_leave_a_gap(directory):
