@@ -71,7 +71,7 @@ pictures: $(DEV)
 
 # What .github/workflows/submission.yml and proof.yml need to run every format of policy.
 submission-tools: $(READY)
-	$(PIP) --editable '.[onnx,sb3]'
+	$(PIP) --editable '.[hub,onnx,sb3]'
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info

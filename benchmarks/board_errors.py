@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minitouch_bench.leaderboard.ranking import ranks_of, share_p_values
+from minitouch_bench.leaderboard.ranking import judge_pairs, ranks_of, share_p_values
 from minitouch_bench.metrics.statistics import ALPHA
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,8 @@ def simulate(methods: tuple[Method, ...], boards: int, better: float) -> tuple[f
             for index, method in enumerate(methods)
         ]
         p_values = share_p_values(rows)
-        ranks = ranks_of(np.array([row.mean() for row in rows]), p_values)
+        _, better_rows = judge_pairs(np.array([row.mean() for row in rows]), p_values)
+        ranks = ranks_of(better_rows)
         apart += float(np.mean(p_values[pairs] <= ALPHA))
         boards_apart += any(rank.best > 1 for rank in ranks)
         ahead += ranks[1].best > ranks[0].best

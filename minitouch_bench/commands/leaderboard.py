@@ -2,6 +2,7 @@
 
 import os
 import stat
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -57,6 +58,8 @@ def validate(
     results = []
     for place in directories:
         found = validation.validate(place)
+        if found.passed:
+            found = validation.fetch_references(found)
         if prove and found.passed:
             with episode_progress() as callbacks, opening as engine:
                 callbacks.phase("proof", proving.count_episodes(found))
@@ -99,3 +102,25 @@ def build(
     print(output / "index.html")
     if strict and board.refused:
         raise typer.Exit(CHECK_FAILED)
+
+
+@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard remove my-policy")
+def remove(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the submission.")],
+    *,
+    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Remove a submission and its proof, after showing what goes."""
+    from minitouch_bench.leaderboard.packing import find_removable, remove_submission
+
+    for path, content in (there := find_removable(submissions, name)).items():
+        note(f"{path}{os.sep if path.is_dir() else ''}: {content}")
+    if not yes:
+        if not sys.stdin.isatty():
+            raise UsageError("nothing is removed without --yes where no terminal can ask")
+        typer.confirm(f"Remove {name}?", abort=True, err=True)
+    remove_submission(submissions, there)
+    for path in there:
+        print(path)
+    note("removed; next: minitouch-bench leaderboard build")

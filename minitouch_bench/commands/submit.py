@@ -52,7 +52,10 @@ def submit(
     notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
     directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
     include_checkpoint: Annotated[
-        bool, output_option(help="Copy the checkpoint, so that others can run it again.")
+        bool,
+        output_option(
+            help="Copy the checkpoint, or name its hf:// address, so that others can run it again."
+        ),
     ] = True,
 ) -> None:
     """Pack finished official runs as a submission for the leaderboard.
@@ -89,7 +92,9 @@ def submit(
     check_submission(submission)
     for seed in submission.seeds if include_checkpoint else ():
         for file in seed.checkpoints:
-            if not file.path:
+            if file.is_reference:
+                note(f"{file.file} is not copied: the submission names {file.path}")
+            elif not file.path:
                 note(f"{file.file} is not there any more: only its SHA-256 is kept")
     if problems := pack(submission, trainings, directory):
         print_problems(name, problems)

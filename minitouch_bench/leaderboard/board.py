@@ -13,7 +13,7 @@ from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
-from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
+from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Pair, Rank
 from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
@@ -131,7 +131,7 @@ class Board:
 
     ``calibration`` are the built-in policies, which are never ranked, ``missing_calibration``
     those without a submission. ``other_protocol``: submissions of another protocol; ``refused``:
-    submissions that do not pass.
+    submissions that do not pass. ``pairs``: by task and "overall", every two of the ranked rows.
     """
 
     format: Literal["minitouch-leaderboard"]
@@ -145,6 +145,7 @@ class Board:
     paper: tuple[PublishedMethod, ...]
     other_protocol: tuple[LeftOut, ...]
     refused: tuple[LeftOut, ...]
+    pairs: Mapping[str, tuple[Pair, ...]]
 
     @property
     def rows(self) -> tuple[BoardRow, ...]:
@@ -159,9 +160,9 @@ def make_board(findings: Sequence[SubmissionFindings]) -> Board:
     repeated = _same_episodes(by_name)
     rows = {name: _row(found, repeated.get(name, ())) for name, found in by_name.items()}
     ranked = [name for name, row in rows.items() if row.is_ranked]
-    for name, ranks in zip(
-        ranked, ranking.rank([_values(by_name[n]) for n in ranked]), strict=True
-    ):
+    rankings = ranking.rank({name: _values(by_name[name]) for name in ranked})
+    for place, name in enumerate(ranked):
+        ranks = {key: table.ranks[place] for key, table in rankings.items()}
         rows[name] = replace(rows[name], ranks=ranks)
     left_out: dict[bool, list[LeftOut]] = {False: [], True: []}
     for found in findings:
@@ -181,6 +182,7 @@ def make_board(findings: Sequence[SubmissionFindings]) -> Board:
         paper=tuple(map(_published, PAPER_METHODS)),
         other_protocol=tuple(left_out[True]),
         refused=tuple(left_out[False]),
+        pairs={key: table.pairs for key, table in rankings.items()},
     )
 
 

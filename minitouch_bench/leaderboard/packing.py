@@ -1,18 +1,21 @@
-"""Pack finished runs and the checkpoints of their policies as a submission."""
+"""Pack finished runs and the checkpoints of their policies as a submission, or remove one."""
 
 import os
+import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench import files
 from minitouch_bench.episode import PolicyIdentity, Role
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError, printable
 from minitouch_bench.json_io import write_toml
+from minitouch_bench.leaderboard.proof import PROOFS
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
+    NAME,
     SUBMITTED_SUITES,
     CheckpointFile,
     Submission,
@@ -35,8 +38,8 @@ PACKING = ".packing"
 class PackedTraining:
     """One training of a method: its finished runs by suite, and its checkpoint files.
 
-    ``files`` maps each entry of ``submission.toml`` to the file that is copied, None where only
-    its SHA-256 is kept.
+    ``files`` maps each entry of ``submission.toml`` to the file that is copied, None where it is
+    referenced, or only its SHA-256 is kept.
     """
 
     runs: Mapping[str, Run]
@@ -44,7 +47,10 @@ class PackedTraining:
 
     def entry(self, seed: int) -> TrainingSeed:
         """Return what ``submission.toml`` says of this training, whose number is ``seed``."""
-        entries = (replace(file, path=str(source or "")) for file, source in self.files.items())
+        entries = (
+            replace(file, path=str(source)) if source else file
+            for file, source in self.files.items()
+        )
         return in_place(TrainingSeed(seed, dict.fromkeys(self.runs, ""), tuple(entries)))
 
 
@@ -53,7 +59,8 @@ def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTrain
 
     Args:
         runs: Official runs, one per policy and suite, each policy with one of MAIN_SUITE.
-        include: Copy the checkpoints that are still where they were evaluated.
+        include: Reference the checkpoints on the Hub, and copy the others that are still where
+            they were evaluated.
 
     Raises:
         UsageError: a run is not official, missing or there twice, or the policy of a run is a
@@ -83,7 +90,7 @@ def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTrain
             if recorded is not None
             for file in _checkpoint_files(role, _find_source(recorded))
         )
-        files_there = {file: path if include else None for file, path in named.items()}
+        files_there = named if include else {replace(file, path=""): None for file in named}
         listed = {suite: of_policy[suite] for suite in SUBMITTED_SUITES if suite in of_policy}
         trainings.append(PackedTraining(listed, files_there))
     return trainings
@@ -108,14 +115,19 @@ def _find_source(recorded: PolicyIdentity) -> PolicySource:
 def _checkpoint_files(
     role: Role, policy: PolicySource
 ) -> Iterator[tuple[CheckpointFile, Path | None]]:
-    """Walk through the files of a policy, each with where it is, None where it is gone."""
+    """Walk through the files of a policy, each with where it is, None on the Hub or where gone."""
     parts = policy.parts if policy.kind == DIRECTORY else ((ALL_TASKS, policy),)
     for task, part in parts:
         if part.digest:
-            address = part.target
-            name = parse_hub_address(address).file if address.startswith(HUB) else address
-            path = Path(address) if Path(address).is_file() else None
-            yield CheckpointFile(role, task, Path(name).name, part.digest), path
+            address = part.address or part.target
+            if address.startswith(HUB):
+                hub = parse_hub_address(address)
+                reference = f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
+                file = CheckpointFile(role, task, Path(hub.file).name, part.digest, reference)
+                yield file if file.is_reference else replace(file, path=""), None
+            else:
+                path = Path(address) if Path(address).is_file() else None
+                yield CheckpointFile(role, task, Path(address).name, part.digest), path
 
 
 def pack(
@@ -185,3 +197,34 @@ def _copy(file: Path, target: Path, limit: int, *, follow: bool = False) -> None
     """Copy a plain file; the user's own may be a link, one of a run may not."""
     with files.os_errors_as(RunDirectoryError, file, "copied"):
         files.write_file(target, files.read_file(file, limit, follow=follow))
+
+
+def find_removable(submissions: Path, name: str) -> dict[Path, str]:
+    """Return the folder and the proof of a submission that are there, each with what it is.
+
+    Raises:
+        UsageError: neither is there.
+    """
+    there: dict[Path, str] = {}
+    folder = submissions / name
+    if re.search(str(NAME.pattern), name):  # so that it leads nowhere else
+        if folder.is_dir():
+            sizes = [path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()]
+            there[folder] = f"{len(sizes)} files, {sum(sizes) / files.MIB:.1f} MiB"
+        if os.path.lexists(proof := submissions / PROOFS / f"{name}.json"):
+            there[proof] = "its proof"
+    if not there:
+        raise UsageError(f"there is no submission '{printable(name)}' in {submissions}")
+    return there
+
+
+def remove_submission(submissions: Path, there: Iterable[Path]) -> None:
+    """Remove what ``find_removable`` found; killed in between, it leaves nothing half removed.
+
+    Raises:
+        RunDirectoryError: a file cannot be removed.
+    """
+    with lock_aside(submissions) as aside:
+        for path in there:
+            with files.os_errors_as(RunDirectoryError, path, "removed"):
+                path.rename(aside / path.name)

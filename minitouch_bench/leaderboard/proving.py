@@ -28,7 +28,7 @@ from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, PolicySource
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.sources import directory_digest, parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification import replay_check
 from minitouch_bench.verification.fresh import (
@@ -295,5 +295,11 @@ class Prover:
                 f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
                 "it cannot be run again"
             )
-        path = self.found.directory / files[0].path
-        return parse_source(str(path.parent if recorded.kind == DIRECTORY else path))
+        folder = self.found.directory
+        places = (file.path if file.is_reference else str(folder / file.path) for file in files)
+        sources = dict(zip(files, map(parse_source, places), strict=True))
+        if recorded.kind != DIRECTORY:
+            return sources[files[0]]
+        digest = directory_digest((file.file, one.digest) for file, one in sources.items())
+        parts = tuple((file.task, one) for file, one in sources.items())
+        return PolicySource(DIRECTORY, folder.name, str(folder), digest, parts)

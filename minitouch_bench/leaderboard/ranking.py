@@ -5,22 +5,29 @@ estimated over episodes here. A rank is 1 + the number of rows that are signific
 rows face the same episodes, so every two of them are compared episode by episode.
 """
 
+import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
+from minitouch_bench.episode import Count
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
 from minitouch_bench.metrics.intervals import (
+    DIGITS,
     OVER_SEEDS,
     OVER_TASKS,
     Estimate,
     over_seeds,
     quadrature,
 )
-from minitouch_bench.metrics.seeds import Floats, mean_p_values
-from minitouch_bench.metrics.statistics import ALPHA, MEAN, SHARE, holm, mcnemar_p
+from minitouch_bench.metrics.seeds import Floats, MeanDifferences, mean_differences, mean_p_values
+from minitouch_bench.metrics.statistics import ALPHA, MEAN, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.runs.run import Run
@@ -112,22 +119,65 @@ class Rank:
     worst: int
 
 
-def rank(rows: Sequence[Mapping[str, Sequence[Sequence[float]]]]) -> list[dict[str, Rank]]:
-    """Rank submissions in each task and overall; one mapping per row, in their order.
+@dataclass(frozen=True)
+class Pair:
+    """Two rows of a table, of which ``higher`` has the greater value, by ``difference``.
+
+    ``p`` is corrected for all pairs of the table (Holm). ``is_significant``: it is at most 0.05, or
+    a row between the two is significantly different from both. ``seeds``: about how many training
+    seeds of each row would settle a case that is not, see ``seeds_to_decide``; None where unknown.
+    """
+
+    higher: str
+    lower: str
+    difference: float
+    p: float
+    is_significant: bool
+    seeds: Count | None
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The ranks of a table's rows, in their order, and all pairs of rows, the best ones first."""
+
+    ranks: tuple[Rank, ...]
+    pairs: tuple[Pair, ...]
+
+
+def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[str, Ranking]:
+    """Rank submissions in each task and overall; one mapping per row, by its name.
 
     A row has by task, of each training seed, the episodes' values in the metric that ranks it.
     """
     if not rows:
-        return []
-    ranks: dict[str, list[Rank]] = {}
-    samples = {task: [np.array(row[task]) for row in rows] for task in BOARD_TASKS}
+        return {}
+    samples = {task: [np.array(row[task]) for row in rows.values()] for task in BOARD_TASKS}
+    seeds = {name: len(row[BOARD_TASKS[0]]) for name, row in rows.items()}
+    rankings = {}
     for task in BOARD_TASKS:
-        means = np.array([values.mean() for values in samples[task]])
-        ranks[task] = ranks_of(means, _p_values(task, samples[task]))
-    strata = [samples[task] for task in BOARD_GOALS]
-    overall = np.mean([[values.mean() for values in rows] for rows in strata], axis=0)
-    ranks[OVERALL] = ranks_of(overall, mean_p_values(strata))
-    return [dict(zip(ranks, of_row, strict=True)) for of_row in zip(*ranks.values(), strict=True)]
+        found = mean_differences([samples[task]])
+        rankings[task] = _rank_table(found, _p_values(task, samples[task]), seeds)
+    found = mean_differences([samples[task] for task in BOARD_GOALS])
+    rankings[OVERALL] = _rank_table(found, found.p_values, seeds)
+    return rankings
+
+
+def _rank_table(found: MeanDifferences, p_values: Floats, seeds: Mapping[str, int]) -> Ranking:
+    """Rank the rows of a table, each with its name and number of training seeds in ``seeds``."""
+    names, means = tuple(seeds), found.value[:, 0]  # less that of the first row
+    corrected, better = judge_pairs(means, p_values)
+    undecided = int((np.triu(corrected, 1) > ALPHA).sum())
+    pairs = []
+    for pair in combinations(np.argsort(-means, kind="stable").tolist(), 2):
+        higher, lower = (names[row] for row in pair)
+        p = float(f"{corrected[pair]:.4g}")  # further digits depend on the library
+        number = None
+        if not better[pair]:
+            both = seeds[higher], seeds[lower]
+            number = seeds_to_decide(found, pair, both, ALPHA / undecided)
+        difference = round(float(found.value[pair]), DIGITS)
+        pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
+    return Ranking(ranks_of(better), tuple(pairs))
 
 
 def _p_values(task: str, rows: Sequence[Floats]) -> Floats:
@@ -139,8 +189,8 @@ def _p_values(task: str, rows: Sequence[Floats]) -> Floats:
     raise TypeError(f"rows are not ranked by {statistic}")
 
 
-def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
-    """Return the rank of each row, more being better.
+def judge_pairs(means: Floats, p_values: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the corrected p-values, (N, N), and whether a row is better than another, (N, N).
 
     All pairs of the table are one family, judged together at 5 % (Holm). So A is better than B
     exactly where B is worse than A. A row that is better than another is also better than all
@@ -150,15 +200,54 @@ def ranks_of(means: Floats, p_values: Floats) -> list[Rank]:
     Source: S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat.
     6 (1979).
     """
-    number = len(means)
-    pairs = np.triu_indices(number, 1)
-    apart = np.zeros((number, number), bool)
-    apart[pairs] = np.asarray(holm(p_values[pairs].tolist())) <= ALPHA
-    better = (apart | apart.T) & (means[:, None] > means[None, :])
+    pairs = np.triu_indices(len(means), 1)
+    corrected = np.ones((len(means),) * 2)
+    corrected[pairs] = holm(p_values[pairs].tolist())
+    corrected = np.minimum(corrected, corrected.T)
+    better = (corrected <= ALPHA) & (means[:, None] > means[None, :])
     for row in np.argsort(means):  # each row's findings are whole before those above it use them
         better[row] |= better[better[row]].any(axis=0)
+    return corrected, better
+
+
+def ranks_of(better: NDArray[np.bool_]) -> tuple[Rank, ...]:
+    """Return the rank of each row, of ``judge_pairs``."""
     above, below = better.sum(axis=0), better.sum(axis=1)
-    return [Rank(1 + int(a), number - int(b)) for a, b in zip(above, below, strict=True)]
+    return tuple(Rank(1 + int(a), len(better) - int(b)) for a, b in zip(above, below, strict=True))
+
+
+MAX_SEEDS = 1000
+"""Training seeds of each row beyond which no number is given."""
+
+
+def seeds_to_decide(
+    found: MeanDifferences, pair: tuple[int, int], seeds: tuple[int, int], level: float
+) -> int | None:
+    """Return about how many training seeds of each of two rows would show which one is better.
+
+    With so many seeds, in place of those that there are, the test of ``mean_p_values`` would be
+    significant at ``level`` with probability POWER, by the noncentral t distribution, if the
+    difference seen is the true one, the means of seeds are normal with the variances seen, and the
+    episodes are the same ones. It is a guess: if the true difference is half of that seen, about
+    four times as many are needed. None: a row has one seed, which says nothing of their variance,
+    or the number is above MAX_SEEDS.
+    """
+    difference = abs(float(found.value[pair]))
+    if min(seeds) == 1 or difference == 0:
+        return None
+    there = float(scipy.stats.hmean(seeds))
+    kept = float(found.over_episodes[pair])
+    of_one_seed = (float(found.variance[pair]) - kept) * there
+
+    def is_decided(number: int) -> bool:
+        freedom = float(found.freedom[pair]) * (number - 1) / (there - 1)
+        limit = scipy.special.stdtrit(freedom, 1.0 - level / 2.0)
+        errors = difference / math.sqrt(kept + of_one_seed / number)
+        return bool(scipy.special.nctdtr(freedom, errors, limit) <= 1.0 - POWER)
+
+    numbers = range(2, MAX_SEEDS + 1)
+    place = bisect_left(numbers, True, key=is_decided)
+    return numbers[place] if place < len(numbers) else None
 
 
 def share_p_values(samples: Sequence[Floats]) -> Floats:

@@ -26,7 +26,13 @@ from minitouch_bench.leaderboard.board import (
     BoardRow,
     make_board,
 )
-from minitouch_bench.leaderboard.proof import MEANINGS, ProofLevel, proof_path, read_proof
+from minitouch_bench.leaderboard.proof import (
+    MEANINGS,
+    ProofLevel,
+    can_be_run,
+    proof_path,
+    read_proof,
+)
 from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import (
     BOARD_GOALS,
@@ -42,7 +48,7 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import charts, labels, tables
 from minitouch_bench.reporting.charts import Figure, Plot
-from minitouch_bench.reporting.episodes import BrowsedRun, Ending, browser_data
+from minitouch_bench.reporting.episodes import BrowsedRun, Ending, browser_data, ending_of
 from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.pages import PICTURES, Card, make_card, render_page
@@ -100,7 +106,7 @@ def build_board(
     write_file(output / "index.html", index_html(board, shown))
     for found in findings:
         if found.passed:
-            page = submission_page(found, rows[found.submission.name], len(board.ranked))
+            page = submission_page(found, rows[found.submission.name], board)
             write_file(pages / f"{found.submission.name}.html", page, durable=False)
             _copy_videos(found, pages)
     for task in BOARD_TASKS:
@@ -216,9 +222,9 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
 
 
 def efficiency_plot(board: Board) -> Plot | None:
-    """Draw mean success against training steps, logarithmic; None where no row was trained."""
+    """Draw mean success against training steps, logarithmic; None where no two rows differ."""
     trained = [row for row in board.ranked if row.training_steps > 0]
-    if not trained:
+    if len({row.training_steps for row in trained}) < 2:
         return None
     marks: list[charts.Mark] = []
     powers = [math.log10(row.training_steps) for row in trained]
@@ -248,8 +254,8 @@ def efficiency_plot(board: Board) -> Plot | None:
 # The page of a submission
 
 
-def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> str:
-    """Write the page of a submission, whose row is among so many ``ranked`` ones."""
+def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> str:
+    """Write the page of a submission, whose row is on the ``board``."""
     path = f"{found.directory.resolve().parent.name}/{row.name}"
     ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
     return render_page(
@@ -262,7 +268,13 @@ def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> st
         seeds=found.submission.seeds,
         runs=found.runs,
         path=path,
-        rank=f"{ranks[OVERALL]} of {ranked}" if ranks else "",
+        rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if ranks else "",
+        why=[
+            (task_title(key), ranks[key], views.explain_rank(board, row, key))
+            for key in RANKED_BY
+            if ranks
+        ],
+        can_be_run=can_be_run(found.runs),
         level=list(ProofLevel).index(row.proof),
         meaning=MEANINGS[row.proof],
         cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
@@ -275,11 +287,20 @@ def submission_page(found: SubmissionFindings, row: BoardRow, ranked: int) -> st
             [BrowsedRun(folder, run, f"{path}/{folder}") for folder, run in found.runs.items()]
         ),
         videos=[
-            Video(Path(video).stem.replace("-", " "), video_address(row.name, video))
+            Video(_caption(found, video), video_address(row.name, video))
             for video in found.videos()
         ],
         faults=_faults(found.runs),
     )
+
+
+def _caption(found: SubmissionFindings, video: str) -> str:
+    """Return what a video shows, and how that episode ended."""
+    folder, stem = video.partition(f"/{files.VIDEOS}/")[0], Path(video).stem
+    for spec, episode in found.runs[folder].specs_and_rows():
+        if spec.key.replace("/", "-") == stem:
+            return f"{folder}, {spec.key}: {ending_of(episode)}, {episode.steps} control steps"
+    return stem
 
 
 def _rank_text(rank: Rank) -> str:

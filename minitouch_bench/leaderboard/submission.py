@@ -137,15 +137,28 @@ def columns_of(kind: type) -> Mapping[str, ColumnSpec]:
     }
 
 
+REFERENCE = re.compile(r"hf://[\w-][\w.-]*/[\w-][\w.-]*@[0-9a-f]{40}(?:/[\w-][\w.-]*)+", re.ASCII)
+"""A file on the Hub at a full commit, in place of one that is copied."""
+
+
 @dataclass(frozen=True)
 class CheckpointFile:
-    """One file of a policy. ``path`` is where it lies in the submission, "" if it is not there."""
+    """One file of a policy.
+
+    ``path`` is where it lies in the submission, ``hf://OWNER/REPO@COMMIT/FILE`` where it is
+    fetched from the Hub, "" if it is not there.
+    """
 
     role: Role
     task: Annotated[str, TASK]
     file: Annotated[str, FILE_NAME]
     sha256: Sha256
     path: str = ""
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether the file is on the Hub, at a full commit."""
+        return REFERENCE.fullmatch(self.path) is not None
 
 
 @dataclass(frozen=True)
@@ -293,13 +306,18 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
         for file, there in zip(seed.checkpoints, places.checkpoints, strict=True):
             if file.path != there.path:
                 what = f"{file.file} is at '{file.path}', outside its place"
-                yield "seeds", f"{what}; move it to {there.path}, or write no path"
+                remedy = f"move it to {there.path}, or write hf://OWNER/REPO@COMMIT/FILE or no path"
+                yield "seeds", f"{what}; {remedy}"
+            elif file.is_reference and PurePosixPath(file.path).name != file.file:
+                yield "seeds", f"{file.file} is not the file's name in '{file.path}'"
 
 
 def in_place(seed: TrainingSeed) -> TrainingSeed:
     """Return a training seed with the only paths there are, whatever it says: none leads out."""
     files = (
-        replace(file, path=file.path and checkpoint_place(seed.seed, file.role, file.file))
+        file
+        if file.is_reference or not file.path
+        else replace(file, path=checkpoint_place(seed.seed, file.role, file.file))
         for file in seed.checkpoints
     )
     runs = {suite: run_place(seed.seed, suite) for suite in seed.runs}

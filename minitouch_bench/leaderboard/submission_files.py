@@ -9,7 +9,12 @@ from pathlib import Path, PurePosixPath
 
 from minitouch_bench import files
 from minitouch_bench.errors import UnreadableFileError
-from minitouch_bench.leaderboard.submission import ALL_TASKS, Submission, TrainingSeed
+from minitouch_bench.leaderboard.submission import (
+    ALL_TASKS,
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+)
 from minitouch_bench.policies.policy import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -88,7 +93,8 @@ def check_files(
     folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
     limits = {files.SUBMISSION_FILE: MAX_SUBMISSION_FILE}
     limits |= {f"{folder}/{name}": most for folder in folders for name, most in RUN_LIMITS.items()}
-    checkpoints = {file.path for seed in submission.seeds for file in seed.checkpoints} - {""}
+    listed = (file for seed in submission.seeds for file in seed.checkpoints)
+    checkpoints = {file.path for file in listed if file.path and not file.is_reference}
     limits |= dict.fromkeys(checkpoints, files.LARGEST_CHECKPOINT)
     for path in [path for path in limits if path not in sizes]:
         remedy = 'add it, or set its path to ""' if path in checkpoints else "pack the run again"
@@ -129,8 +135,18 @@ def check_checkpoints(
             continue
         with problems.caught(file.path):
             content = read_plain(directory, file.path, files.LARGEST_CHECKPOINT)
-            if hashlib.sha256(content).hexdigest() != file.sha256:
-                what = "its SHA-256 is not that of submission.toml"
-                problems.add(file.path, what, "put the file that was evaluated there")
-            if kind is not None and FORMATS[kind].is_zip:
-                check_zip(content, name.name)
+            check_content(file, content, problems)
+
+
+def check_content(file: CheckpointFile, content: bytes, problems: Problems) -> None:
+    """Compare a checkpoint's bytes with what the submission says of it.
+
+    Raises:
+        PolicyLoadError: it is a zip that unpacks to far more than it holds.
+    """
+    if hashlib.sha256(content).hexdigest() != file.sha256:
+        what = "its SHA-256 is not that of submission.toml"
+        problems.add(file.path, what, "name or put there the file that was evaluated")
+    kind = KIND_BY_SUFFIX.get(PurePosixPath(file.file).suffix)
+    if kind is not None and FORMATS[kind].is_zip:
+        check_zip(content, file.file)

@@ -4,14 +4,14 @@ import hashlib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import TypeVar
 
 from minitouch_bench.episode import Episode, PolicyIdentity, Role
-from minitouch_bench.errors import MiniTouchError, UnreadableFileError
+from minitouch_bench.errors import IncompleteCheckError, MiniTouchError, UnreadableFileError
 from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import (
@@ -26,12 +26,18 @@ from minitouch_bench.leaderboard.submission_files import (
     MAX_SUBMISSION_FILE,
     RUN_LIMITS,
     check_checkpoints,
+    check_content,
     check_files,
     list_files,
     read_plain,
 )
 from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, FORMATS, NOTES, Isolation
-from minitouch_bench.policies.sources import directory_digest
+from minitouch_bench.policies.sources import (
+    directory_digest,
+    fetch_hub_file,
+    parse_hub_address,
+    read_checkpoint,
+)
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
 from minitouch_bench.verification.problems import Findings, Problems
@@ -163,6 +169,24 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
         files=proved,
         proof=proof,
     )
+
+
+def fetch_references(found: SubmissionFindings) -> SubmissionFindings:
+    """Fetch the checkpoints that are on the Hub, and compare their bytes with ``submission.toml``.
+
+    Call it where nothing else is wrong. ``error`` of the result says what cannot be fetched.
+    """
+    problems, error = Problems(), None
+    for file in (file for seed in found.submission.seeds for file in seed.checkpoints):
+        if file.is_reference:
+            try:
+                path, _ = fetch_hub_file(parse_hub_address(file.path))
+            except MiniTouchError as caught:
+                error = IncompleteCheckError(str(caught))
+                continue
+            with problems.caught(file.path):
+                check_content(file, read_checkpoint(path), problems)
+    return replace(found, problems=(*found.problems, *problems), error=found.error or error)
 
 
 def _check_run(

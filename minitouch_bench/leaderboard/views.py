@@ -26,6 +26,7 @@ from minitouch_bench.metrics.definitions import (
     intervals_in_words,
     metrics_shown_in,
 )
+from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
@@ -54,7 +55,10 @@ SEED_VARIANCE = (
 
 @dataclass(frozen=True)
 class BoardLine:
-    """A line of a view; ``row`` is None for the paper's and for a calibration not yet run."""
+    """A line of a view; ``row`` is None for the paper's and for a calibration not yet run.
+
+    ``why``: what decides its rank, "" where it has none.
+    """
 
     kind: str
     name: str
@@ -62,6 +66,7 @@ class BoardLine:
     rank: Rank | None
     row: BoardRow | None
     cells: tuple[Cell, ...] = ()
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -190,9 +195,37 @@ def _heads(board: Board, key: str) -> Iterator[BoardLine]:
     )
     for kind, rows in groups:
         for row in rows:
-            yield BoardLine(kind, row.name, row.method, row.ranks.get(key), row)
+            why = explain_rank(board, row, key) if kind == RANKED else ""
+            yield BoardLine(kind, row.name, row.method, row.ranks.get(key), row, why=why)
     for name in board.missing_calibration:
         yield BoardLine(CALIBRATION, name, "not submitted yet", None, None)
+
+
+SHOWN_UNDECIDED = 3
+BETTER, WORSE = "Significantly better than", "Significantly worse than"
+UNDECIDED = "Not significantly different from"
+
+
+def explain_rank(board: Board, row: BoardRow, key: str) -> str:
+    """Say which rows a ranked row differs from in a task or OVERALL, and what is nearly settled."""
+    found: dict[str, list[str]] = {BETTER: [], WORSE: [], UNDECIDED: []}
+    nearest = ""
+    pairs = [pair for pair in board.pairs[key] if row.name in (pair.higher, pair.lower)]
+    for pair in sorted(pairs, key=lambda pair: (pair.p, pair.seeds or ranking.MAX_SEEDS)):
+        verdict, other = (BETTER, pair.lower) if row.name == pair.higher else (WORSE, pair.higher)
+        p = f"p = {pair.p:.2g}" if pair.p >= 0.001 else "p < 0.001"
+        if not pair.is_significant:
+            if pair.seeds and not found[UNDECIDED]:
+                nearest = f" About {pair.seeds} training seeds of each would decide between "
+                nearest += f"it and {other}."
+            verdict = UNDECIDED
+        elif pair.p > ALPHA:
+            p += ", by a row between"
+        found[verdict].append(f"{other} ({p})")
+    if len(undecided := found[UNDECIDED]) > SHOWN_UNDECIDED:
+        undecided[SHOWN_UNDECIDED:] = [f"{len(undecided) - SHOWN_UNDECIDED} more"]
+    said = " ".join(f"{verdict} {listed(rows)}." for verdict, rows in found.items() if rows)
+    return f"{said}{nearest}" or "There is no other row."
 
 
 def _label(task: str) -> str:
@@ -212,6 +245,8 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
     parts = ["# MiniTouch leaderboard", "", f"Protocol {escape_md(board.protocol)}, `{digest}`."]
     for view in shown:
         parts += ["", f"## {view.title}", "", escape_md(view.lead), "", *table_lines(view.table())]
+        why = [line for line in view.lines if line.why and view.key in RANKED_BY]
+        parts += ["", *(f"- **{escape_md(line.name)}**: {escape_md(line.why)}" for line in why)]
     parts += ["", "## Submissions", "", *table_lines(_about(board))]
     parts += _left_out("Other protocols, not ranked", board.other_protocol)
     parts += _left_out("Left out", board.refused)
@@ -227,6 +262,12 @@ def notes() -> tuple[str, ...]:
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
         "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
         "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
+        "p: corrected for all pairs of the table. Training seeds that would settle a case: with so "
+        "many of each row the test finds the difference in 4 of 5 repetitions, if the difference "
+        "and the variance between seeds are those seen, the seeds' values are about normal and the "
+        "episodes are the same. It is a guess: a true difference half as large needs four times as "
+        f"many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which does not "
+        "show how its seeds vary.",
         f"Brackets: 95 % interval. One training seed: {intervals_in_words(ranking.BOARD_METRICS)}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         "Learned: the lower end of a training seed's interval of success is above "

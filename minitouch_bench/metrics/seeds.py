@@ -61,9 +61,11 @@ def mean_differences(strata: Sequence[Sequence[Floats]]) -> MeanDifferences:
         means = table.mean(axis=1)
         difference += (means[:, None] - means[None, :]) / tasks
         seeds = [_seed_variances(values) for values in samples]
-        total, own, freedom = np.array(seeds, np.float64).T
+        total, within, freedom = np.array(seeds, np.float64).T
+        own = np.maximum(total - within, 0.0)
         paired = _paired_variances(table)
-        shared += paired / tasks**2
+        of_seeds = within[:, None] + within[None, :]
+        shared += np.maximum(paired - of_seeds, 0.0) / tasks**2
         variance += (paired + own[:, None] + own[None, :]) / tasks**2
         parts = total**2 / freedom
         over_episodes = paired**2 / (table.shape[1] - 1)
@@ -85,7 +87,7 @@ def _paired_variances(table: Floats) -> Floats:
 def _seed_variances(values: Floats) -> tuple[float, float, int]:
     """Return the variance of a row's mean over training seeds, float64 (S, E), with its freedom.
 
-    First with the variation of single episodes, then without. One seed tells nothing: 0.
+    Between them: its part that is the variation of single episodes. One seed tells nothing: 0.
     """
     seeds, episodes = values.shape
     if seeds == 1:
@@ -94,4 +96,4 @@ def _seed_variances(values: Floats) -> tuple[float, float, int]:
     total = float(means.var(ddof=1)) / seeds
     residuals = values - values.mean(axis=0) - means[:, None] + values.mean()
     within = float((residuals**2).sum()) / (seeds - 1) / (episodes - 1) / (seeds * episodes)
-    return total, max(0.0, total - within), seeds - 1
+    return total, within, seeds - 1

@@ -49,7 +49,7 @@ MAX_MEMBERS = 10_000
 
 SERVERS = ("http://", "https://")
 HUB = "hf://"
-HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)/([^@]+)(?:@(.+))?")
+HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)(?:@([^/@]+))?/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
 
 
@@ -166,7 +166,7 @@ def _parse_hub(text: str, *, contact: bool) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
     asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, resolved = _fetch(asked, contact=contact)
+    path, resolved = fetch_hub_file(asked, contact=contact)
     return replace(_parse_file(path), address=str(resolved))
 
 
@@ -261,20 +261,21 @@ class HubFile:
 
 
 def parse_hub_address(text: str) -> HubFile:
-    """Read an address; without a revision it is that of ``main``.
+    """Read an address, the revision behind its file or its repository; by default ``main``.
 
     Raises:
         PolicyLoadError: it is no such address.
     """
     match = HUB_ADDRESS.fullmatch(text)
-    if match is None or {"", ".", ".."} & {*match[1].split("/"), *match[2].split("/")}:
+    parts = f"{match[1]}/{match[3]}".split("/") if match else [""]
+    if match is None or {"", ".", ".."} & {*parts} or (match[2] and match[4]):
         raise PolicyLoadError(
             f"'{text}' is not a file on the Hub; write hf://USER/REPO/FILE@REVISION"
         )
-    return HubFile(match[1], match[2], match[3] or "main")
+    return HubFile(match[1], match[3], match[2] or match[4] or "main")
 
 
-def _fetch(asked: HubFile, *, contact: bool) -> tuple[Path, HubFile]:
+def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFile]:
     """Return the file in the library's cache, only there without ``contact``, and its address.
 
     Raises:

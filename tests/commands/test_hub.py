@@ -3,6 +3,7 @@
 import hashlib
 import json
 import threading
+import tomllib
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
@@ -12,14 +13,21 @@ from types import SimpleNamespace
 import pytest
 
 from minitouch_bench.commands.submit import submit
+from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.leaderboard.proving import Prover
+from minitouch_bench.leaderboard.site import build_board
+from minitouch_bench.leaderboard.submission import CheckpointFile, TrainingSeed
+from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import HubFile, parse_hub_address, parse_source
+from minitouch_bench.policies.policy import DIRECTORY
+from minitouch_bench.policies.sources import HubFile, directory_digest, parse_hub_address
 from tests.commands.command import run_installed as run
 from tests.leaderboard.synthetic import official_run, write_official
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
+REFERENCE = f"hf://somebody/touch@{COMMIT}/nets/pushing.safetensors"
 ADDRESS = "hf://somebody/touch/nets/pushing.safetensors"
 ONE = ("--episodes-from", "pushing/0", "--workers", "1")
 
@@ -64,8 +72,15 @@ def hub(tmp_path, monkeypatch):
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{server.server_port}")
-    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
+    address, home = f"http://127.0.0.1:{server.server_port}", tmp_path / "home"
+    monkeypatch.setenv("HF_ENDPOINT", address)
+    monkeypatch.setenv("HF_HOME", str(home))
+    # The library reads the variables once, when it is loaded.
+    constants = "huggingface_hub.constants"
+    paths = "/{repo_id}/resolve/{revision}/{filename}"
+    monkeypatch.setattr(f"{constants}.ENDPOINT", address)
+    monkeypatch.setattr(f"{constants}.HUGGINGFACE_CO_URL_TEMPLATE", address + paths)
+    monkeypatch.setattr(f"{constants}.HF_HUB_CACHE", str(home / "hub"))
     yield served
     server.shutdown()
     server.server_close()
@@ -93,21 +108,76 @@ def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub
     assert main.code == 0, main.err  # another policy would not resume it
 
 
-@needs_library
-@pytest.mark.parametrize("is_cached", [True, False])
-def test_packing_a_run_takes_its_file_from_the_cache_alone(hub, tmp_path, monkeypatch, is_cached):
+@pytest.fixture
+def submitted(hub, tmp_path, monkeypatch):
+    """A submission of a run whose policy came from the Hub, by the bytes that it had there."""
     monkeypatch.chdir(tmp_path)
-    if is_cached:
-        parse_source(f"{ADDRESS}@{COMMIT}")
+
+    def make(content=hub.content):
+        digest = hashlib.sha256(content).hexdigest()
+        done = official_run()
+        policy = replace(done.header.policy, source=f"{ADDRESS}@{COMMIT}", digest=digest)
+        write_official(
+            replace(done, header=replace(done.header, policy=policy)), Path("reports/table4")
+        )
+        submit([Path("reports/table4")], name="mine", training_steps=0)
+        return Path("submissions/mine")
+
+    return make
+
+
+@needs_library
+def test_a_checkpoint_on_the_hub_is_submitted_by_reference(hub, submitted, tmp_path, capsys):
+    place = submitted()
+    (file,) = tomllib.loads((place / "submission.toml").read_text())["seeds"][0]["checkpoints"]
+    assert file["path"] == REFERENCE
+    assert file["sha256"] == hashlib.sha256(hub.content).hexdigest()
+    assert not list(place.rglob("*.safetensors"))
+    assert REFERENCE in capsys.readouterr().err
+    build_board(Path("submissions"), Path("board"))
+    assert not any("/resolve/" in path for path in hub.asked)
+    assert REFERENCE in Path("board/submission/mine.html").read_text()
+    done = run("leaderboard", "validate", place, directory=tmp_path)
+    assert done.code == 0, done.out + done.err
+    prover = Prover(validate(place), engine=None)
+    ((seed, _, evaluated),) = prover._runs()
+    source = prover._source(seed, Role.FINAL, evaluated.header.policy)
+    assert (source.kind, source.digest) == ("native", file["sha256"])
+
+
+@needs_library
+def test_another_file_on_the_hub_is_refused(submitted, tmp_path):
+    done = run("leaderboard", "validate", submitted(b"other"), directory=tmp_path)
+    assert done.code == 1
+    assert f"{REFERENCE}: its SHA-256" in done.out
+
+
+@needs_library
+def test_a_reference_that_cannot_be_fetched_is_no_fault_of_the_submission(
+    submitted, tmp_path, monkeypatch
+):
+    place = submitted()
+    monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
+    done = run("leaderboard", "validate", place, directory=tmp_path)
+    assert done.code == 5
+    assert "cannot be fetched" in done.out
+    assert done.out.count("\n") == 1
+
+
+@needs_library
+def test_one_file_per_task_may_be_referenced(hub, tmp_path):
+    """A directory of policies, one of them copied and one on the Hub."""
     digest = hashlib.sha256(hub.content).hexdigest()
-    done = official_run()
-    policy = replace(done.header.policy, source=f"{ADDRESS}@{COMMIT}", digest=digest)
-    run_path = Path("reports/table4")
-    write_official(replace(done, header=replace(done.header, policy=policy)), run_path)
-    asked = list(hub.asked)
-    submit([run_path], name="mine", training_steps=0)
-    assert hub.asked == asked
-    assert bool(list(Path("submissions/mine").rglob("*.safetensors"))) is is_cached
+    copied = CheckpointFile(
+        Role.FINAL, "opening", "opening.safetensors", digest, "opening.safetensors"
+    )
+    (tmp_path / copied.path).write_bytes(hub.content)
+    there = replace(copied, task="pushing", file="pushing.safetensors", path=REFERENCE)
+    prover = Prover(SubmissionFindings(directory=tmp_path), engine=None)
+    seed = TrainingSeed(0, {}, (copied, there))
+    source = prover._source(seed, Role.FINAL, PolicyIdentity("nets", "nets", DIRECTORY, ""))
+    assert source.digest == directory_digest(((copied.file, digest), (there.file, digest)))
+    assert [source.for_task(task).digest for task in ("opening", "pushing")] == [digest] * 2
 
 
 @needs_library
@@ -135,8 +205,16 @@ def test_without_the_library_the_extra_is_named(tmp_path):
 def test_addresses():
     assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
     assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
+    assert str(parse_hub_address(REFERENCE)) == f"{ADDRESS}@{COMMIT}"
     leaving = ("hf://a/b/../../../x.onnx", "hf://../b/x.pt", "hf://a/./x.pt", "hf://a/b//x.pt")
-    for wrong in (*leaving, "hf://a/b", "hf://a/b/", "hf://a@v1/b/c.pt@v2", "hf://a b/c/d.pt"):
+    for wrong in (
+        *leaving,
+        "hf://a/b",
+        "hf://a/b/",
+        "hf://a@v1/b/c.pt@v2",
+        "hf://a/b@v1/c.pt@v2",
+        "hf://a b/c/d.pt",
+    ):
         with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
             parse_hub_address(wrong)
 

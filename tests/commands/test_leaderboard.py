@@ -1,8 +1,10 @@
 """Checking submissions and drawing the board, as a maintainer types it."""
 
 import contextlib
+import os
 import re
 import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.leaderboard.board import LeftOut, make_board
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.verification.problems import Problem
-from tests.commands.command import run
+from tests.commands.command import COMMAND, run
 from tests.leaderboard.synthetic import make_submission
 
 ROOT = Path(__file__).parents[2]
@@ -161,3 +163,37 @@ def test_a_link_to_itself_does_not_stop_the_leaderboard(root):
 )
 def test_a_directory_that_cannot_be_looked_at_is_a_mistake_of_one_line(tmp_path, words, code):
     run(*words, "x" * 300, directory=tmp_path).refused(code, "File name too long")
+
+
+def test_a_submission_is_removed_with_its_proof_after_it_was_shown(root):
+    asked = run("leaderboard", "remove", "hac", directory=root)
+    assert (asked.code, asked.out) == (2, "")
+    assert "--yes" in asked.err
+    assert "submissions/hac/: 4 files" in asked.err
+    assert "submissions/_proofs/hac.json: its proof" in asked.err
+    assert (root / "submissions/hac/submission.toml").exists()
+    done = run("leaderboard", "remove", "hac", "--yes", directory=root)
+    assert done.code == 0, done.err
+    assert done.out.splitlines() == ["submissions/hac", "submissions/_proofs/hac.json"]
+    left = {path.name for path in (root / "submissions").rglob("*") if path.is_file()}
+    assert left == {"zero.json", "run.json", "actions.npz", "submission.toml"}
+    run("leaderboard", "remove", "hac", "--yes", directory=root).refused(2, "hac")
+
+
+@pytest.mark.parametrize("name", ["_proofs", "..", ".", "", "../submissions/hac", "hac/seed-0"])
+def test_only_a_submission_is_removed(root, name):
+    run("leaderboard", "remove", name, "--yes", directory=root).refused(2, "no submission")
+    assert (root / "submissions/hac/submission.toml").exists()
+
+
+@pytest.mark.parametrize("answer", ["y", "n"])
+def test_a_terminal_is_asked_before_a_submission_is_removed(root, answer):
+    keyboard, terminal = os.openpty()
+    os.write(keyboard, f"{answer}\n".encode())
+    command = [*COMMAND, "leaderboard", "remove", "hac"]
+    done = subprocess.run(
+        command, cwd=root, stdin=terminal, capture_output=True, text=True, check=False
+    )
+    assert "Remove hac?" in done.stderr
+    assert done.returncode == (answer == "n")
+    assert (root / "submissions/hac").exists() is (answer == "n")

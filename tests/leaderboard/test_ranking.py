@@ -1,13 +1,21 @@
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from benchmarks.board_errors import SETTINGS, simulate
-from minitouch_bench.leaderboard.ranking import ranks_of, share_p_values
-from minitouch_bench.metrics.seeds import mean_p_values
+from minitouch_bench.leaderboard.ranking import (
+    judge_pairs,
+    rank,
+    ranks_of,
+    seeds_to_decide,
+    share_p_values,
+)
+from minitouch_bench.metrics.seeds import mean_differences, mean_p_values
 from minitouch_bench.metrics.statistics import holm
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 
 def single(values):
@@ -118,14 +126,14 @@ def test_rows_that_cannot_be_told_apart_share_a_rank():
     for one in (0, 1):
         for other in (2, 3):
             p[one, other] = p[other, one] = 1e-6
-    ranks = ranks_of(np.array([0.9, 0.85, 0.3, 0.25]), p)
+    ranks = ranks_of(judge_pairs(np.array([0.9, 0.85, 0.3, 0.25]), p)[1])
     assert [(rank.best, rank.worst) for rank in ranks] == [(1, 2), (1, 2), (3, 4), (3, 4)]
 
 
 def test_a_row_between_two_that_differ_shares_both_their_ranks():
     p = np.ones((3, 3))
     p[0, 2] = p[2, 0] = 1e-6
-    ranks = ranks_of(np.array([0.9, 0.7, 0.5]), p)
+    ranks = ranks_of(judge_pairs(np.array([0.9, 0.7, 0.5]), p)[1])
     assert [(rank.best, rank.worst) for rank in ranks] == [(1, 2), (1, 3), (2, 3)]
 
 
@@ -141,7 +149,7 @@ def test_no_rank_contradicts_another():
     """Each finding counts for both of its rows, and the better row has the smaller rank."""
     found = 0
     for means, p_values in random_tables(300):
-        ranks = ranks_of(means, p_values)
+        ranks = ranks_of(judge_pairs(means, p_values)[1])
         better = sum(rank.best - 1 for rank in ranks)
         assert better == sum(len(means) - rank.worst for rank in ranks)
         pairs = np.triu_indices(len(means), 1)
@@ -159,7 +167,7 @@ def test_what_is_better_than_a_better_row_is_better():
     p = np.ones((3, 3))
     for one, other in ((0, 1), (1, 2)):
         p[one, other] = p[other, one] = 1e-6
-    ranks = ranks_of(np.array([0.9, 0.7, 0.5]), p)
+    ranks = ranks_of(judge_pairs(np.array([0.9, 0.7, 0.5]), p)[1])
     assert [(rank.best, rank.worst) for rank in ranks] == [(1, 1), (2, 2), (3, 3)]
 
 
@@ -173,6 +181,56 @@ def test_the_range_of_ranks_holds_the_true_rank():
         ease = rng.random(100)
         rows = [single((rng.random(100) + ease) / 2 < rate) for rate in truth]
         means = np.array([row.mean() for row in rows])
-        ranks = ranks_of(means, share_p_values(rows))
+        ranks = ranks_of(judge_pairs(means, share_p_values(rows))[1])
         held += [rank.best <= r <= rank.worst for rank, r in zip(ranks, true_ranks, strict=True)]
     assert np.mean(held) >= 0.95
+
+
+# Pairs, and seeds that would settle them
+
+
+def table_of(rng, seeds, means, deviation=0.1):
+    """Return rows of a task whose seeds vary normally around a mean, on the same episodes."""
+    ease = rng.random(100)
+    own = [rng.normal(mean, deviation, (seeds, 1)) for mean in means]
+    return [((rng.random((seeds, 100)) + ease) / 2 < success).astype(float) for success in own]
+
+
+def decide(rows, level=0.05):
+    return seeds_to_decide(mean_differences([rows]), (0, 1), tuple(map(len, rows)), level)
+
+
+def test_so_many_seeds_find_the_difference_in_four_of_five_repetitions():
+    rng = np.random.default_rng(0)
+    many = table_of(rng, 400, (0.6, 0.5))
+    needed = decide(many, 0.05 / 3)
+    assert 15 < needed < 50
+    found = [mean_p_values([table_of(rng, needed, (0.6, 0.5))])[0, 1] for _ in range(400)]
+    assert 0.7 < np.mean(np.array(found) <= 0.05 / 3) < 0.9
+    # Few seeds that happen to show the true difference give about the same number.
+    true = many[0].mean() - many[1].mean()
+    tables = [table_of(rng, 6, (0.6, 0.5)) for _ in range(100)]
+    lucky = [rows for rows in tables if abs(rows[0].mean() - rows[1].mean() - true) < 0.02]
+    assert needed / 2 < np.median([decide(rows, 0.05 / 3) for rows in lucky]) < needed * 2
+
+
+def test_no_number_of_seeds_is_made_up():
+    rng = np.random.default_rng(2)
+    far, near = table_of(rng, 5, (0.8, 0.5))
+    assert decide([far, near]) < decide([far, near], 0.001)
+    for unknown in ((far[:1], near), (far, near[:1]), (far, far)):
+        assert decide(unknown) is None
+    assert decide(table_of(rng, 5, (0.5, 0.5001), 0.3), 1e-15) is None
+
+
+def test_pairs_say_what_the_ranks_rest_on():
+    rng = np.random.default_rng(3)
+    rows = dict(zip("abc", table_of(rng, 6, (0.9, 0.5, 0.47), 0.03), strict=True))
+    rankings = rank({name: dict.fromkeys(TASK_NAMES, row) for name, row in rows.items()})
+    for key, ranking in rankings.items():
+        assert [(pair.higher, pair.lower) for pair in ranking.pairs] == list(combinations("abc", 2))
+        assert [pair.is_significant for pair in ranking.pairs] == [True, True, False], key
+        assert [pair.seeds is None for pair in ranking.pairs] == [True, True, False]
+        assert [(one.best, one.worst) for one in ranking.ranks] == [(1, 1), (2, 3), (2, 3)]
+        assert ranking.pairs[0].p <= 0.05 < ranking.pairs[2].p
+    assert rank({}) == {}

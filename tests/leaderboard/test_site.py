@@ -9,6 +9,7 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
+from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.reporting.labels import PAPER_METHODS
@@ -186,10 +187,13 @@ def test_failures_are_found_by_their_kind(browser, board):
 @needs_browser
 @pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/seeds.html"])
 def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
-    for width in (360, 768, 1280):
+    cut = "[...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth).length"
+    for width in (360, 390, 768, 1400):
         browser.screen(width, 800)
         browser.open(board / page)
+        browser.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
         assert browser.run("document.documentElement.scrollWidth") <= width
+        assert browser.run(cut) == 0
         assert browser.run("document.querySelector('.scroll').scrollWidth") >= 300
 
 
@@ -276,6 +280,47 @@ def test_a_page_tells_all_of_a_submission(board):
     for name in ("leaderboard.md", "leaderboard.csv", "index.html", "submission/server.html"):
         assert "remote" in (board / name).read_text(), name
     assert "2 seeds" in (board / "submission" / "seeds.html").read_text()
+
+
+def test_every_rank_is_explained(board):
+    """On the board, in its Markdown and on the row's own page."""
+    pairs = json.loads((board / "leaderboard.json").read_text())["pairs"]
+    assert {key: len(of_table) for key, of_table in pairs.items()} == dict.fromkeys(RANKED_BY, 6)
+    assert (board / "index.html").read_text().count(">Why this rank<") == 4 * len(RANKED_BY)
+    text = (board / "leaderboard.md").read_text()
+    found = {(pair["higher"], pair["lower"]) for pair in pairs["overall"] if pair["is_significant"]}
+    assert ("hac", "vision") in found
+    for name in ("hac", "seeds", "touch", "vision"):
+        line = text.partition(f"\n- **{name}**: ")[2].partition("\n")[0]
+        assert ("Significantly better than" in line) == any(name == one for one, _ in found)
+        assert ("Significantly worse than" in line) == any(name == other for _, other in found)
+        page = (board / "submission" / f"{name}.html").read_text().replace("\u00a0", " ")
+        assert line.replace("\\<", "&lt;") in page
+
+
+def test_a_page_says_why_a_row_has_no_rank(board):
+    assert "cannot run it in the sandbox" in (board / "submission" / "server.html").read_text()
+    assert "calibration row" in (board / "submission" / "random.html").read_text()
+
+
+def test_a_video_is_captioned_with_its_outcome(board):
+    page = (board / "submission" / "hac.html").read_text()
+    assert "seed-0/table4, pushing/0: policy fault, 0 control steps" in page
+
+
+def test_results_of_fresh_episodes_come_before_their_seeds(board):
+    page = (board / "submission" / "hac.html").read_text()
+    assert 0 < page.index("0.880") < page.index("<code>1234</code>")
+
+
+def test_sample_efficiency_needs_rows_that_differ(board, tmp_path):
+    assert "Sample efficiency" in (board / "index.html").read_text()
+    for name in ("one", "other"):
+        make_submission(tmp_path / "submissions", name)
+    build_board(tmp_path / "submissions", tmp_path / "board")
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert "Sample efficiency" not in page
+    assert "There is no" not in page
 
 
 def test_hostile_texts_of_a_run_are_only_text(tmp_path):
