@@ -70,7 +70,7 @@ def progress_of(film: Film) -> Progress:
         return Progress("Angle of the door", "°", np.degrees(state[:, 0]), goal)
     if task == PICK_UP.name:
         lifted = 100 * (state[:, 2] - state[0, 2])
-        return Progress("Height of the object", "cm", lifted, round(100 * PICK_UP.lift))
+        return Progress("Object above its start", "cm", lifted, round(100 * PICK_UP.lift))
     if film.target is not None:
         distance = 100 * np.hypot(*(state[:, :2] - film.target).T)
         return Progress("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
@@ -81,7 +81,8 @@ def in_words(film: Film, fault: str = "") -> str:
     """Say how an episode ended, and the likeliest reason where it failed."""
     trace, outcome = film.played.trace, film.played.outcome
     steps, touching = len(trace.actions), np.flatnonzero(trace.contact_ticks) + 1
-    contact = f"a finger touched it in {len(touching)} of {steps} steps"
+    what = "door" if film.played.spec.task == OPENING.name else "object"
+    contact = f"a finger touched the {what} in {len(touching)} of {steps} steps"
     if len(touching) and touching[-1] < steps * 3 / 4:
         contact += f", the last time at step {touching[-1]}"
     if fault:
@@ -91,14 +92,14 @@ def in_words(film: Film, fault: str = "") -> str:
     if outcome is Outcome.LEFT_WORKSPACE:
         return f"The object left the workspace at step {steps}; {contact}."
     if not len(touching):
-        return f"Never touched the object in {steps} steps."
+        return f"Never touched the {what} in {steps} steps."
     return f"{_what_touching_did(progress_of(film))}; {contact}."
 
 
 def _what_touching_did(progress: Progress) -> str:
     values, unit = progress.values, progress.unit
     if np.abs(values - values[0]).max() < STILL[unit]:
-        return "Pressed the object without moving it"
+        return "Pressed without moving anything"
     if progress.goal is None:
         return f"Moved the cube by {values.max():.1f} {unit}"
     best = values.min() if values[0] > progress.goal else values.max()

@@ -58,10 +58,14 @@ def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tm
 
 
 @pytest.mark.slow
-def test_the_first_episodes_are_recorded_on_video_if_asked_for(tmp_path):
-    run(*SCRIPTED, "--output", "run", "--video", 1, directory=tmp_path)
+def test_the_first_episodes_are_filmed_and_shown_if_asked_for(tmp_path):
+    done = run(*SCRIPTED, "--output", "run", "--video", 1, "--replays", 1, directory=tmp_path)
+    assert "filming 2 episodes" in done.err
     assert sorted(os.listdir(tmp_path / "run" / "videos")) == ["opening-0.mp4", "pushing-0.mp4"]
-    assert "pushing-0.mp4" in (tmp_path / "run" / "report.html").read_text()
+    assert sorted(os.listdir(tmp_path / "run" / "replays")) == ["opening-0.html", "pushing-0.html"]
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "videos/pushing-0.mp4" in page
+    assert "replays/pushing-0.html" in page
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation import client as simulator
 from minitouch_bench.simulation.bodies import add_table, cube_urdf
 from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View, quaternion_from_euler
+from minitouch_bench.simulation.observation import seen_on_plane
 
 RED = (1.0, 0.0, 0.0, 1.0)
 
@@ -97,3 +98,11 @@ def test_another_simulator_than_the_protocol_s_is_refused(
 def test_either_build_of_the_protocol_s_simulator_will_do(monkeypatch):
     monkeypatch.setattr(machine, "version", simulator.BUILDS.__getitem__)
     simulator._check_build()
+
+
+def test_the_pixels_of_points_are_where_the_camera_sees_them():
+    camera = CameraSpec((0.5, 0.1, 0.0), 30.0, -50.0, near=0.1)
+    x, y = seen_on_plane(camera, 0.02, (60, 40))
+    row, column = View.of(camera, aspect=1.5).pixels(x, y, 0.02, (60, 40))
+    expected = np.indices((40, 60))
+    np.testing.assert_array_equal((row, column), expected)

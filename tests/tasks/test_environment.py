@@ -19,7 +19,7 @@ from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
 from minitouch_bench.simulation.observation import GrayCamera
-from minitouch_bench.tasks.environment import OUTCOMES, TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import OUTCOMES, SHADE, TASK_CLASSES, MiniTouchEnv
 from minitouch_bench.tasks.task import TabletopTask
 from tests.tasks.playback import digest, play, random_actions
 
@@ -317,6 +317,15 @@ def test_every_task_has_its_picture(environment):
     picture = environment.picture()
     assert picture.shape == (240, 240, 3)
     assert picture.std() > 10.0
+
+
+def test_the_arm_throws_a_shadow_on_the_table(environments):
+    environment = environments["pushing"]
+    environment.reset(seed=1)
+    picture = environment.picture().reshape(-1, 3)
+    colors, counts = np.unique(picture, axis=0, return_counts=True)
+    shade = (SHADE * colors[counts.argmax()]).astype(np.uint8)
+    assert (picture == shade).all(axis=1).sum() > 500
 
 
 def test_without_a_render_mode_nothing_is_drawn(environments):

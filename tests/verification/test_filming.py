@@ -87,7 +87,7 @@ def test_the_page_fits_its_window(browser, width):
 
 def test_a_page_says_how_it_ended_and_what_free_air_feels_like(page):
     html = page.read_text()
-    assert "Success at step 6; a finger touched it in 3 of 6 steps." in html
+    assert "Success at step 6; a finger touched the object in 3 of 6 steps." in html
     assert "A finger that touches nothing reads 1.0 N" in html
     assert len(html) < 100_000
 

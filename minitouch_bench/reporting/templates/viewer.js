@@ -100,7 +100,7 @@
       if (ticks && panel.bars) make(svg, "rect", { class: "bar", y: y(ticks), height: y(0) - y(ticks), ...box });
     });
     for (const limit of panel.limits || []) {
-      make(svg, "line", { class: "limit", x1: LEFT, x2: width - RIGHT, y1: y(limit), y2: y(limit) });
+      make(svg, "line", { class: "bound", x1: LEFT, x2: width - RIGHT, y1: y(limit), y2: y(limit) });
     }
     if (panel.limits?.length) {
       make(svg, "text", { x: width - RIGHT - 6, y: y(panel.limits.at(-1)) + 13, "text-anchor": "end" }, panel.limit);
@@ -209,6 +209,6 @@
   });
 
   document.querySelector(".viewer").hidden = false;
-  new ResizeObserver(() => { if (place.clientWidth !== width) draw(); }).observe(place);
+  new ResizeObserver(() => { if (place.clientWidth > LEFT + RIGHT && place.clientWidth !== width) draw(); }).observe(place);
   draw();
 })();
