@@ -45,9 +45,10 @@ class Estimate:
     method: str
 
     def __str__(self) -> str:
-        return f"{self:.4g}"
+        return f"{self}"
 
     def __format__(self, form: str) -> str:
+        form = form or ".4g"
         return f"{self.value:{form}} [{self.low:{form}}, {self.high:{form}}]"
 
 

@@ -34,6 +34,12 @@ def test_wilson_gives_the_published_values(successes, n, low, high):
     assert (estimate.count, estimate.method) == (n, "wilson")
 
 
+def test_an_estimate_is_written_with_its_interval_in_the_form_asked_for():
+    estimate = Estimate(0.1 + 0.2, 0.0, 1.0, 3, "wilson")
+    assert str(estimate) == f"{estimate}" == "0.3 [0, 1]"
+    assert f"{estimate:.2f}" == "0.30 [0.00, 1.00]"
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 100, 10_000])
 def test_wilson_has_a_width_and_stays_in_0_to_1(n):
     for successes in range(0, n + 1, max(1, n // 50)):
