@@ -68,9 +68,6 @@ class Tolerance:
         return f"{100 * self.amount:g}%" if self.relative else f"{self.amount:g}"
 
 
-MOST_SEEDS = 100
-"""Training seeds on each side, of which no more are ever asked for."""
-
 DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
     "success": Tolerance(0.05),
     "exploration": Tolerance(0.05),
@@ -154,8 +151,7 @@ class Endpoint:
     """What decides: the mean of one metric over its tasks.
 
     ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
-    To settle it: ``episodes_needed`` per task, of one run on each side, or ``seeds_needed`` on each
-    side; None for none or too many.
+    ``episodes_needed``: per task, to settle it, None for none or too many.
     """
 
     effect: Effect
@@ -164,7 +160,6 @@ class Endpoint:
     tolerance: float
     decision: Decision
     episodes_needed: int | None = None
-    seeds_needed: int | None = None
 
     @property
     def is_beyond(self) -> bool:
@@ -183,9 +178,10 @@ class TaskMetric:
 
 @dataclass(frozen=True)
 class TrainingValue:
-    """The endpoint's value in the run of one training seed."""
+    """The endpoint's value in the run of one training seed, of the baseline or the candidate."""
 
-    run: ComparedRun
+    side: str
+    path: str
     value: float
 
 

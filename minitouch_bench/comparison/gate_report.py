@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.gate import MOST_SEEDS, NOT_ENOUGH_CODE, Decision, GateResult
+from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResult
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
 from minitouch_bench.errors import printable
 from minitouch_bench.files import MAX_EPISODES
@@ -102,18 +102,9 @@ SUMMARY_CHANGES = 50
 
 GATE_LABELS = ("Baseline", "Candidate", "Difference")
 
-STYLES = {
-    Decision.NO_REGRESSION: "bold green",
-    Decision.REGRESSION: "bold red",
-    Decision.NOT_ENOUGH: "bold yellow",
-    Decision.NOT_ENOUGH_SEEDS: "bold yellow",
-}
-MARKS = {
-    Decision.NO_REGRESSION: "✅",
-    Decision.REGRESSION: "❌",
-    Decision.NOT_ENOUGH: "❔",
-    Decision.NOT_ENOUGH_SEEDS: "❔",
-}
+STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "bold red"}
+MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
+OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
 RESULT_VERSION = 4
 """Of the JSON document."""
@@ -126,14 +117,15 @@ def show_result(result: GateResult, console: Console) -> None:
     titles = (result.baseline.title, result.candidate.title)
     changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
     console.print(tables.on_screen((*result_blocks(result), *changes, "")))
-    console.print(Text(result_line(result), style=STYLES[result.decision]), soft_wrap=True)
+    style = STYLES.get(result.decision, OPEN_STYLE)
+    console.print(Text(result_line(result), style=style), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)
 
 
 def gate_markdown(result: GateResult) -> str:
     """Write a result as a section of a page, such as a GitHub step summary."""
     answer = tables.escape_md(result_line(result))
-    lines = [f"## {MARKS[result.decision]} minitouch-bench {answer}", ""]
+    lines = [f"## {MARKS.get(result.decision, OPEN_MARK)} minitouch-bench {answer}", ""]
     lines += [f"- next: {tables.code_span(result.next_command)}"]
     lines += tables.as_markdown(result_blocks(result))
     if result.changes:
@@ -236,18 +228,11 @@ def trainings_table(result: GateResult) -> tables.Table:
     """Lay out the endpoint in the run of each training seed."""
     effect = result.endpoint.effect
     rows = tuple(
-        tables.make_row(
-            printable(one.run.path),
-            one.run.title,
-            format_value(effect.metric, one.value),
-            "; ".join(one.run.labels),
-        )
+        tables.make_row(printable(one.path), one.side, format_value(effect.metric, one.value))
         for one in result.trainings
     )
-    value = f"{task_title(effect.task)} {effect.metric}"
-    columns = tables.make_columns("Side", value, "Remarks", words=["Side", "Remarks"])
-    table = tables.Table("Training seeds", ("Run",), columns, rows)
-    return table.filled_columns()
+    columns = tables.make_columns("Side", f"{task_title(effect.task)} {effect.metric}")
+    return tables.Table("Training seeds", ("Run",), columns, rows)
 
 
 def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
@@ -281,8 +266,7 @@ def _reason(result: GateResult) -> str:
     if endpoint.decision is Decision.NO_REGRESSION:
         return f"{change}, a worsening beyond the tolerance is excluded"
     if endpoint.decision is Decision.NOT_ENOUGH_SEEDS:
-        number = endpoint.seeds_needed or f"more than {MOST_SEEDS}"
-        return f"{seen}; {number} training seeds on each side would settle it"
+        return f"{seen}; train more seeds"
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
@@ -314,11 +298,10 @@ def gate_notes(result: GateResult) -> tuple[str, ...]:
 
 def result_blocks(result: GateResult) -> Iterator[tables.Block]:
     """Yield what a gate's answer rests on."""
+    yield from map(run_line, (result.baseline, result.candidate))
+    yield ""
     if result.trainings:
         yield trainings_table(result)
-    else:
-        yield from map(run_line, (result.baseline, result.candidate))
-    yield ""
     yield endpoint_table(result)
     yield from task_tables(result)
     yield ""

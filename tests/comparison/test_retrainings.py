@@ -52,7 +52,7 @@ def test_a_worse_method_is_a_regression_and_each_seed_is_shown():
     bad = trainings("bad", [0.5, 0.4, 0.6])
     result = judged(GOOD, bad)
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
-    assert [one.run.title for one in result.trainings] == ["baseline"] * 4 + ["candidate"] * 3
+    assert [one.side for one in result.trainings] == ["baseline"] * 4 + ["candidate"] * 3
     means = [np.mean([row.success for row in run.rows]) for run in (*GOOD, *bad)]
     assert [one.value for one in result.trainings] == pytest.approx(means)
     difference = result.endpoint.effect.difference
@@ -71,7 +71,6 @@ def test_one_unlucky_seed_is_no_regression_of_a_method_as_it_is_of_a_checkpoint(
     assert judged(GOOD[:1], unlucky[3:]).decision is Decision.REGRESSION
     result = judged(GOOD, unlucky)
     assert result.decision is Decision.NOT_ENOUGH_SEEDS
-    assert result.endpoint.seeds_needed is None or result.endpoint.seeds_needed > 4
     assert result.exit_code == 5  # what was seen is worse beyond the tolerance
     assert judged(GOOD, unlucky, lenient=True).exit_code == 0
 
@@ -128,10 +127,6 @@ def test_few_episodes_are_refused():
         judged(few[:2], few[2:])
 
 
-def test_the_same_runs_on_both_sides_are_no_regression():
-    assert judged(GOOD, GOOD[::-1]).decision is Decision.NO_REGRESSION
-
-
 def case_names(result):
     suite = ElementTree.fromstring(gate_junit(result)).find("testsuite")
     return [(case.get("classname"), case.get("name")) for case in suite.iter("testcase")]
@@ -160,7 +155,7 @@ def test_false_alarms_stay_near_their_level_and_a_worse_method_is_found():
                 [PairedValues("pushing", "success", ("pushing",), sides[0][0], own) for own in side]
                 for side in sides
             ]
-            _, effect = compare_trainings(paired)
+            effect = compare_trainings(paired)
             decided = decide(effect, ("pushing",), GateSettings(), is_believed=True)
             found += decided.decision is Decision.REGRESSION
         return found / gates
