@@ -98,6 +98,8 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
         print(f"  {number:5d} {reason}")
     if not fit and any(reason.startswith(Reason.SIZE) for reason in result.refused.values()):
         note("--fit gives each object a size the hand can grip; --scale sets the unit")
+    if density is None:
+        note("each weighs 1.2 to 3.5 kg, as fingers feel it; --density gives another weight")
     if result.accepted:
         print(f"set in {output}, digest {result.digest}")
     if result.refused or not result.accepted:

@@ -24,7 +24,7 @@ TILE = 120
 """Side of one picture in pixels; it is rendered at twice that and averaged."""
 COLUMNS = 12
 CAMERA = CameraSpec(
-    (0.0, 0.0, 0.0), -110.0, -32.0, near=0.05, distance=0.24, field_of_view=20.0, far=1.0
+    (0.0, 0.0, 0.0), -110.0, -32.0, near=0.05, distance=0.33, field_of_view=20.0, far=1.0
 )
 TRAIN_COLOR = (0.36, 0.58, 0.82, 1.0)
 HELD_OUT_COLOR = (0.93, 0.58, 0.26, 1.0)
