@@ -87,7 +87,7 @@ def find_viewers(run: Run, replays: Path, page: Path) -> dict[str, str]:
         names = set(os.listdir(replays))
     base = relative_address(replays, page)
     keys = (episode_key(role, row.task, row.index) for role, rows in run.by_role() for row in rows)
-    found = {key: f"{key.replace('/', '-')}.html" for key in keys}
+    found = {key: files.view_name(key, ".html") for key in keys}
     return {key: f"{base}/{name}" for key, name in found.items() if name in names}
 
 

@@ -3,6 +3,7 @@ import shutil
 import pytest
 
 from minitouch_bench.commands.report import report
+from tests.altered import edit_document
 from tests.commands.command import run
 from tests.reporting.synthetic import make_run, write
 
@@ -15,6 +16,25 @@ def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
     assert done.code == 0
     assert "Success" in done.out
     assert (copy / "report.html").exists()
+
+
+def test_forces_that_are_missing_are_replayed(scripted, tmp_path):
+    copy = tmp_path / "again"
+    shutil.copytree(scripted[1], copy)
+    kept = (copy / "forces.csv").read_bytes()
+    assert b"pushing" in kept
+    (copy / "forces.csv").unlink()
+    assert run("report", copy, directory=tmp_path).code == 0
+    assert "--forces” replays" in (copy / "report.html").read_text()
+    assert run("report", copy, "--forces", directory=tmp_path).code == 0
+    assert (copy / "forces.csv").read_bytes() == kept
+    assert "--forces” replays" not in (copy / "report.html").read_text()
+    (copy / "forces.csv").unlink()
+    edit_document(copy / "run.json", lambda run: run["episodes"][0].update(digest="0" * 64))
+    refused = run("report", copy, "--forces", directory=tmp_path)
+    assert (refused.code, refused.out) == (5, "")
+    assert "verify" in refused.err
+    assert not (copy / "forces.csv").exists()
 
 
 @pytest.mark.parametrize("content", [None, "no json"])
