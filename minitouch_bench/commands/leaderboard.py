@@ -121,6 +121,5 @@ def remove(
             raise UsageError("nothing is removed without --yes where no terminal can ask")
         typer.confirm(f"Remove {name}?", abort=True, err=True)
     remove_submission(submissions, there)
-    for path in there:
-        print(path)
+    print(*there, sep="\n")
     note("removed; next: minitouch-bench leaderboard build")

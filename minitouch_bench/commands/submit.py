@@ -52,10 +52,7 @@ def submit(
     notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
     directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
     include_checkpoint: Annotated[
-        bool,
-        output_option(
-            help="Copy the checkpoint, or name its hf:// address, so that others can run it again."
-        ),
+        bool, output_option(help="Copy the checkpoint, or name it on the Hub, to be run again.")
     ] = True,
 ) -> None:
     """Pack finished official runs as a submission for the leaderboard.

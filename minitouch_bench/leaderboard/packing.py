@@ -47,11 +47,7 @@ class PackedTraining:
 
     def entry(self, seed: int) -> TrainingSeed:
         """Return what ``submission.toml`` says of this training, whose number is ``seed``."""
-        entries = (
-            replace(file, path=str(source)) if source else file
-            for file, source in self.files.items()
-        )
-        return in_place(TrainingSeed(seed, dict.fromkeys(self.runs, ""), tuple(entries)))
+        return in_place(TrainingSeed(seed, dict.fromkeys(self.runs, ""), tuple(self.files)))
 
 
 def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTraining]:
@@ -127,7 +123,8 @@ def _checkpoint_files(
                 yield file if file.is_reference else replace(file, path=""), None
             else:
                 path = Path(address) if Path(address).is_file() else None
-                yield CheckpointFile(role, task, Path(address).name, part.digest), path
+                there = str(path or "")
+                yield CheckpointFile(role, task, Path(address).name, part.digest, there), path
 
 
 def pack(

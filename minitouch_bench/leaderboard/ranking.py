@@ -171,10 +171,8 @@ def _rank_table(found: MeanDifferences, p_values: Floats, seeds: Mapping[str, in
     for pair in combinations(np.argsort(-means, kind="stable").tolist(), 2):
         higher, lower = (names[row] for row in pair)
         p = float(f"{corrected[pair]:.4g}")  # further digits depend on the library
-        number = None
-        if not better[pair]:
-            both = seeds[higher], seeds[lower]
-            number = seeds_to_decide(found, pair, both, ALPHA / undecided)
+        both = seeds[higher], seeds[lower]
+        number = None if better[pair] else seeds_to_decide(found, pair, both, ALPHA / undecided)
         difference = round(float(found.value[pair]), DIGITS)
         pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
     return Ranking(ranks_of(better), tuple(pairs))
