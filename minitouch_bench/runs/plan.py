@@ -79,8 +79,7 @@ class PlannedObjects:
         if fixed := [task for task in tasks if not PROTOCOL.task(task).default_objects]:
             return f"{fixed[0]} has no object to choose"
         here = {CUBE, *(shape.name for shape in manifest.canonical_shape_set().shapes)}
-        is_known = bool(self.source) or here.issuperset(self.shapes)
-        return "" if is_known else "they are not shapes of this package"
+        return "" if self.source or here.issuperset(self.shapes) else "they are not known here"
 
     def __str__(self) -> str:
         return f"{self.name} {self.digest[:12]}".rstrip()
