@@ -8,7 +8,8 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
-from minitouch_bench.errors import UsageError
+from minitouch_bench.episode import PlayedEpisode
+from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.files import REPORTS, list_videos
 from minitouch_bench.json_io import words
 
@@ -90,14 +91,23 @@ def _keep_forces(run: "Run") -> None:
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.reporting.report import view_directory
     from minitouch_bench.runs.forces import read_forces, write_forces
-    from minitouch_bench.verification.replay_check import replay_final
+    from minitouch_bench.verification.replay_check import replay_run
+    from minitouch_bench.verification.static_check import refuse_unplayable
 
-    directory = view_directory(run.directory or Path())
+    directory, records = view_directory(run.directory or Path()), list[PlayedEpisode]()
     if read_forces(run, directory):
         return
+    refuse_unplayable(run)
     with episode_progress() as callbacks, open_engine() as engine:
-        callbacks.phase("replaying", len(run.rows))
-        records = replay_final(run, engine, callbacks.episode)
+
+        def keep(record: PlayedEpisode) -> None:
+            records.append(record)
+            callbacks.episode(record)
+
+        callbacks.phase("replaying", len(run.header.specs()))
+        found = replay_run(run, engine, keep)
+    for problem in found.problems:
+        raise IncompleteCheckError(f"{run.name}: {problem}; “minitouch-bench verify” says more")
     write_forces(run, records, directory)
 
 

@@ -255,7 +255,7 @@ def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]
 def _force_figure(
     sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
 ) -> Figure:
-    """Return the forces of the runs that have any, and say how to get those of the others."""
+    """Return the forces of the runs that have any, and say how to get those that are missing."""
     clipped = [f"{PROTOCOL.task(task).force_limit:g} N in {task_title(task)}" for task in tasks]
     text = (
         "The larger of the two fingers' forces at the end of each control step: median (line) and "
@@ -263,12 +263,10 @@ def _force_figure(
         f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
         f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
     )
-    missing = [one.name for one, curves in zip(sections, forces, strict=True) if not curves]
-    if missing:
-        text = (text + " ") * (len(missing) < len(sections)) + (
-            f"No forces lie beside {labels.listed(missing)}; run.json has none. The command "
-            "“minitouch-bench report RUN --forces” replays the recorded actions, without the "
-            "policy, and draws them here."
+    if not all(forces):
+        text += (
+            " Forces that are missing here: “minitouch-bench report RUN --forces” replays the "
+            "recorded actions, without the policy, and draws them."
         )
     plots = tuple(
         _force_plot(task, [curves.get(task, ()) for curves in forces])

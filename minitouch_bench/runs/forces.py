@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import PlayedEpisode, Role
-from minitouch_bench.files import FORCES_FILE, MIB, read_file, write_file
+from minitouch_bench.files import FORCES_FILE, read_file, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.run import Run
 
 COLUMNS = ("run", "task", "step", "episodes", "lower_quartile", "median", "upper_quartile")
 """``run``: the beginning of the run's digest; the last three in N."""
-
-LARGEST_FORCES = 4 * MIB
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ def force_curves(records: Sequence[PlayedEpisode]) -> ForceCurves:
     final = [record for record in records if record.spec.role is Role.FINAL]
     return {
         task: _curve([record for record in final if record.spec.task == task])
-        for task in dict.fromkeys(record.spec.task for record in final)
+        for task in sorted({record.spec.task for record in final})
     }
 
 
@@ -86,7 +84,7 @@ def read_forces(run: Run, directory: Path) -> ForceCurves:
     """Read ``forces.csv``; empty where there is none, or none of this run's episodes."""
     curves: dict[str, list[ForceStep]] = {}
     try:
-        content = read_file(directory / FORCES_FILE, LARGEST_FORCES).decode()
+        content = read_file(directory / FORCES_FILE).decode()
         for row in csv.DictReader(io.StringIO(content)):
             steps = curves.setdefault(row["task"], [])
             values = [float(row[name]) for name in COLUMNS[4:]]

@@ -21,7 +21,6 @@ from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem
-from minitouch_bench.verification.static_check import refuse_unplayable
 
 
 def replay_run(
@@ -75,31 +74,6 @@ def _with_claims(record: PlayedEpisode, row: Episode) -> PlayedEpisode:
     clipped = np.zeros(len(record.trace.actions), np.bool_)
     clipped[at_bounds[: row.clipped_actions]] = True
     return replace(record, trace=replace(record.trace, clipped=clipped))
-
-
-def replay_final(
-    run: Run, engine: Engine, on_record: Callable[[PlayedEpisode], None] = lambda _: None
-) -> list[PlayedEpisode]:
-    """Replay the final policy's episodes in the run's order; ``on_record`` takes them as they end.
-
-    Raises:
-        UsageError: the run cannot be replayed here.
-        RunDirectoryError: a file of it is missing or damaged.
-        IncompleteCheckError: its actions do not give its episodes on this machine.
-        InfrastructureError: an episode could not be replayed.
-    """
-    refuse_unplayable(run)
-    specs = [spec for spec in run.header.specs() if spec.role is Role.FINAL]
-    records = {}
-    for record in engine.run(Recording.of(run, specs), specs):
-        if not is_as_recorded(run, record):
-            raise IncompleteCheckError(
-                f"{run.name}: the recorded actions of {record.spec.key} do not give its episode; "
-                "“minitouch-bench verify” says more"
-            )
-        records[record.spec] = record
-        on_record(record)
-    return [records[spec] for spec in specs]
 
 
 def is_as_recorded(run: Run, replayed: PlayedEpisode) -> bool:

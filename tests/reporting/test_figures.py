@@ -76,7 +76,6 @@ def test_forces_are_a_band_around_a_line_and_faint_where_few_episodes_are_left(h
     assert line.points == ((0, 0.0), (1, 2.0))
     assert faint_line.points == ((1, 2.0), (2, 4.0))
     assert faint_band.opacity < band.opacity
-    assert "beside scripted" in forces.text
     assert "--forces" in forces.text
     nothing = report_figures(*parts(hac), [{}])[-1]
     assert (nothing.plots, nothing.legend) == ((), ())
