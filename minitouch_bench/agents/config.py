@@ -51,8 +51,16 @@ class PhaseConfig:
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
     linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
-    the critic's estimate; exploration always uses 1. ``success_share``: share of each batch that
-    comes from the last steps before a success.
+    the critic's estimate; exploration always uses 1. ``success_share``: share of each batch, at
+    least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
+    allowed.
+
+    The task phase alone: ``critic_updates``: gradient steps of new critics, with layer norm, on
+    the memory's task reward before the first control step; with 0 it goes on with exploration's.
+    ``prior_weight``: weight of the divergence from the exploration policy, KL(policy, exploration
+    policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
+    ``imitation``: weight of the squared distance to actions that led to a success and that the
+    critics value above the policy's.
     """
 
     steps: int
@@ -64,13 +72,24 @@ class PhaseConfig:
     reward_scale: float = 1.0
     n_step: int = 1
     success_share: float = 0.0
+    updates_per_step: float = 1.0
+    critic_updates: int = 0
+    prior_weight: float = 0.0
+    prior_steps: int = 0
+    imitation: float = 0.0
 
     def __post_init__(self) -> None:
         _check_ranges(
             self, steps=ANY, learning_rate=(0, 1e9), initial_temperature=ABOVE_ZERO,
             target_entropy=ENTROPY, final_target_entropy=ENTROPY, entropy_steps=ANY,
             reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
+            updates_per_step=(0, 1000), critic_updates=ANY, prior_weight=ANY, prior_steps=ANY,
+            imitation=ANY,
         )  # fmt: skip
+
+    def prior_weight_at(self, step: int) -> float:
+        """Return the weight of the prior after ``step`` control steps of the phase."""
+        return self.prior_weight * max(0.0, 1.0 - step / max(1, self.prior_steps))
 
     def target_entropy_at(self, step: int) -> float:
         """Return the target entropy after ``step`` control steps of the phase."""
@@ -94,7 +113,6 @@ class SacConfig:
     encoder_width: float = 1.0
     target_rate: float = 0.01
     shift: int = 4
-    critic_layer_norm: bool = False
     target_encoder: bool = False
     bfloat16: bool = True
 
@@ -138,7 +156,6 @@ class TrainingConfig:
     ``sac`` acts, with the dataset in its replay memory.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
-    ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``replay_size``: observations in the replay memory; the oldest are removed.
     ``log_every``: control steps between two rows of ``progress.csv``. After each
     ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, with
@@ -154,19 +171,23 @@ class TrainingConfig:
     dataset: str = ""
     episode_steps: int = 50
     random_steps: int = 1000
-    updates_per_step: float = 0.5
     replay_size: int = 1_000_000
     log_every: int = 500
     evaluate_every: int = 5000
     evaluate_episodes: int = 10
     checkpoint_every: int = 1000
-    exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0)
+    exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0, updates_per_step=0.5)
     task_phase: PhaseConfig = PhaseConfig(
         40_000,
         target_entropy=0.0,
         final_target_entropy=-3.0,
-        entropy_steps=60_000,
+        entropy_steps=15_000,
+        n_step=3,
         success_share=0.25,
+        critic_updates=4000,
+        prior_weight=0.5,
+        prior_steps=20_000,
+        imitation=1.0,
     )
     sac: SacConfig = SacConfig(discount=0.95, encoder_width=0.25)
     curiosity: CuriosityConfig = CuriosityConfig()
@@ -174,7 +195,7 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         _check_ranges(
             self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=ANY,
-            updates_per_step=(0, 1000), replay_size=(LEAST_REPLAY, math.inf),
+            replay_size=(LEAST_REPLAY, math.inf),
             log_every=POSITIVE, evaluate_every=ANY,
             evaluate_episodes=(1, MAX_EPISODES), checkpoint_every=POSITIVE,
         )  # fmt: skip
@@ -223,7 +244,6 @@ def paper_config(task: str) -> TrainingConfig:
     return TrainingConfig(
         task,
         episode_steps=0,
-        updates_per_step=1.0,
         exploration=phase,
         task_phase=phase,
         sac=SacConfig(shift=0, target_rate=0.005, target_encoder=True),

@@ -107,7 +107,7 @@ class Learner:
             self.curiosity.begin()
         self.scale = TouchScale.of(spec.workspace).to(device)
         self.exploring = config.exploration_steps > 0
-        self.sac.begin_phase(self.phase)
+        self._begin_phase()
         self.noise = torch.Generator(device).manual_seed(config.seed)
         self.rng = np.random.default_rng(config.seed)
 
@@ -116,9 +116,25 @@ class Learner:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
 
-    def begin_task_phase(self) -> None:
-        """Go on with the exploration's networks, on the task's reward."""
+    def begin_task_phase(self, replay: Replay) -> None:
+        """Go on from the exploration's networks, on the task's reward.
+
+        With ``critic_updates`` the critics are new, and are fitted to the memory first.
+        """
         self.exploring = False
+        self._begin_phase()
+        for _ in range(self.phase.critic_updates):
+            self.update(replay, 0, critics_only=True)
+
+    def _begin_phase(self) -> None:
+        """Make what the phase's networks lack, and their optimizers."""
+        after_exploration = not self.exploring and self.config.exploration_steps > 0
+        if after_exploration and self.phase.critic_updates:
+            # Not seed + 1: the training with that seed starts from those weights.
+            (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
+            with _weights_drawn_from(seed):
+                self.sac.keep_prior()
+            _arrange(self.sac, self.device)
         self.sac.begin_phase(self.phase)
 
     def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
@@ -134,7 +150,7 @@ class Learner:
         """Return a uniformly random action, float32 (A,)."""
         return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
 
-    def update(self, replay: Replay, step: int) -> dict[str, Tensor]:
+    def update(self, replay: Replay, step: int, *, critics_only: bool = False) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
 
         While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
@@ -143,6 +159,7 @@ class Learner:
         Args:
             replay: Memory to draw from.
             step: Control steps of the phase so far.
+            critics_only: Leave actor and temperature as they are; in the task phase alone.
 
         Returns:
             The losses and other curves of the step, as scalars.
@@ -151,7 +168,9 @@ class Learner:
         if not self.exploring or self.curiosity is None:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-            return self.sac.update(self._sensed_batch(batch), reward, self.noise, step)
+            return self.sac.update(
+                self._sensed_batch(batch), reward, self.noise, step, critics_only=critics_only
+            )
         errors = self.curiosity.update(batch)
         reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
         losses = {"curiosity_loss": errors.loss, "intrinsic_reward": reward.mean()}
@@ -232,7 +251,7 @@ class Learner:
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned."""
         self.exploring = state["exploring"]
-        self.sac.begin_phase(self.phase)
+        self._begin_phase()
         self.sac.load_state_dict(state["sac"])
         for name, optimizer in self.sac.optimizers().items():
             optimizer.load_state_dict(state["optimizers"][name])

@@ -1,7 +1,6 @@
 """Replay memory: each image is kept once; the sampler computes rewards."""
 
 import zlib
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,7 @@ PLAIN_ROWS = 65_536
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""
 
-_COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last")
+_COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last", "_led_to_success")
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Batch:
     (N, 11), as the environment gives them; ``action`` float32 (N, A); ``task_reward``
     float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,), what a
     value of the reached state counts; ``ended`` bool (N,), whether the episode ended there
-    for good.
+    for good; ``led_to_success`` bool (N,), whether a success followed within SUCCESS_STEPS.
     """
 
     image: Tensor
@@ -42,6 +41,7 @@ class Batch:
     task_reward: Tensor
     discount: Tensor
     ended: Tensor
+    led_to_success: Tensor
 
 
 class Replay:
@@ -60,8 +60,8 @@ class Replay:
         self._reward = np.zeros(0, np.float32)
         self._ended = np.zeros(0, np.bool_)
         self._last = np.zeros(0, np.bool_)
+        self._led_to_success = np.zeros(0, np.bool_)
         self._image_shape: tuple[int, ...] = ()
-        self._successes: deque[tuple[int, int]] = deque()
         self._episode_start = 0
         self.rows = 0
 
@@ -105,7 +105,7 @@ class Replay:
         self._append(image, touch)
         if success:
             start = max(self._episode_start, self.rows - 1 - SUCCESS_STEPS)
-            self._successes.append((start, self.rows - 1))
+            self._led_to_success[np.arange(start, self.rows - 1) % self.capacity] = True
 
     def _append(self, image: NDArray[np.uint8], touch: NDArray[np.float32]) -> None:
         row = self.rows % self.capacity
@@ -120,6 +120,7 @@ class Replay:
         self._keep_plain(self.rows, image)
         self._touch[row] = touch
         self._last[row] = True
+        self._led_to_success[row] = False
         self.rows += 1
 
     def _keep_plain(self, row: int, image: NDArray[np.uint8]) -> None:
@@ -145,11 +146,13 @@ class Replay:
         success_share: float,
         device: torch.device,
     ) -> Batch:
-        """Draw a batch of transitions, uniformly but for the share from before successes."""
+        """Draw a batch of transitions, uniformly where enough of them led to a success.
+
+        Where they are fewer than ``success_share`` of the memory, more of them are drawn, so that
+        they are that share of the batch.
+        """
         starts = self._draw(rng, size)
-        wanted = int(success_share * size)
-        if wanted and (from_successes := self._draw_before_success(rng, wanted)) is not None:
-            starts[:wanted] = from_successes
+        self._draw_successes(rng, starts, success_share)
         rows = starts.copy()
         reward, factor = np.zeros(size, np.float32), np.ones(size, np.float32)
         alive, ended = np.ones(size, np.bool_), np.zeros(size, np.bool_)
@@ -171,6 +174,7 @@ class Replay:
             task_reward=_tensor(reward, device),
             discount=_tensor(factor, device),
             ended=_tensor(ended, device),
+            led_to_success=_tensor(self._led_to_success[now], device),
         )
 
     def _draw(self, rng: np.random.Generator, size: int) -> NDArray[np.int64]:
@@ -181,14 +185,20 @@ class Replay:
             rows[bad] = rng.integers(oldest, self.rows - 1, int(bad.sum()))
         return rows
 
-    def _draw_before_success(self, rng: np.random.Generator, size: int) -> NDArray[np.int64] | None:
-        oldest = self.rows - len(self)
-        while self._successes and self._successes[0][0] < oldest:
-            self._successes.popleft()
-        if not self._successes:
-            return None
-        ranges = np.array(self._successes)[rng.integers(len(self._successes), size=size)]
-        return rng.integers(ranges[:, 0], ranges[:, 1])
+    def _draw_successes(
+        self, rng: np.random.Generator, rows: NDArray[np.int64], share: float
+    ) -> None:
+        """Replace the first rows by such that led to a success, as many as ``share`` lacks."""
+        if share == 0.0:
+            return
+        found = np.flatnonzero(self._led_to_success[: len(self)])
+        natural = len(found) / len(self)
+        if 0.0 < natural < share:
+            lacking = int((share - natural) / (1.0 - natural) * len(rows))
+            # Rows are numbered from the first ever added, places from the memory's first.
+            places = found[rng.integers(len(found), size=lacking)]
+            newest = self.rows - 1
+            rows[:lacking] = newest - (newest - places) % self.capacity
 
     def _unpacked(self, rows: NDArray[np.int64]) -> NDArray[np.uint8]:
         images = self._plain[rows % len(self._plain)]
@@ -206,7 +216,6 @@ class Replay:
             "rows": self.rows,
             "episode_start": self._episode_start,
             "image_shape": self._image_shape,
-            "successes": list(self._successes),
             "lengths": torch.tensor([len(image) for image in self._images], dtype=torch.int32),
             **{name: torch.from_numpy(getattr(self, name)[:size]) for name in _COLUMNS},
         }
@@ -222,7 +231,7 @@ class Replay:
             ValueError, LookupError, zlib.error: the state or an image is damaged.
         """
         self.rows, self._episode_start = state["rows"], state["episode_start"]
-        self._image_shape, self._successes = state["image_shape"], deque(state["successes"])
+        self._image_shape = state["image_shape"]
         for name in _COLUMNS:
             setattr(self, name, state[name].numpy().copy())
         lengths, end, size = state["lengths"].tolist(), 0, len(self)

@@ -2,6 +2,12 @@
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
 et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021).
+
+In a task phase after an exploration the actor's loss has two more terms, so that the policy does
+not leave what curiosity found while the task's new critics are wrong: the divergence from the
+exploration policy, as in KL-regularized reinforcement learning (Galashov et al. 2019), and the
+imitation of actions that led to a success where the critics value them above the policy's (Nair et
+al. 2018, "Q filter"). Layer norm in the critics follows RLPD (Ball et al. 2023).
 """
 
 import copy
@@ -21,6 +27,13 @@ from minitouch_bench.policies.networks import (
     TouchActor,
     VisualEncoder,
 )
+
+LEAST_PRIOR_LOG_STD = -3.0
+"""Clamp on the prior's log standard deviation: where the exploration policy was nearly
+deterministic, the policy need not be."""
+
+MOST_DIVERGENCE = 20.0
+"""Nats of one state; beyond them the divergence has no gradient."""
 
 
 class TwoCritics(nn.Module):
@@ -46,6 +59,15 @@ def _critic(inputs: int, *, layer_norm: bool) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Linear(HIDDEN_UNITS, 1))
 
 
+class Prior(nn.Module):
+    """A policy that another one stays near, as it was when it was kept."""
+
+    def __init__(self, encoder: nn.Module, actor: TouchActor) -> None:
+        super().__init__()
+        self.encoder, self.actor = encoder, actor
+        self.requires_grad_(False)
+
+
 class Sac(nn.Module):
     """The networks of both phases, their optimizers, and one gradient step."""
 
@@ -65,12 +87,19 @@ class Sac(nn.Module):
         self.actor = TouchActor(
             action_size, encoder=nn.Identity(), features=features, touch_size=touch_size
         )
-        inputs = features + touch_size + action_size
-        self.critics = TwoCritics(inputs, layer_norm=config.critic_layer_norm)
+        self._critic_inputs = features + touch_size + action_size
+        self.critics = TwoCritics(self._critic_inputs, layer_norm=False)
         followed = self.encoder if config.target_encoder else nn.Identity()
         self.target_encoder = copy.deepcopy(followed).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self.log_temperature = nn.Parameter(torch.zeros(()))
+        self.prior: Prior | None = None
+
+    def keep_prior(self) -> None:
+        """Keep the policy as it is as the prior, and make new critics, with layer norm."""
+        self.prior = Prior(copy.deepcopy(self.encoder), copy.deepcopy(self.actor))
+        self.critics = TwoCritics(self._critic_inputs, layer_norm=True)
+        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
 
     def begin_phase(self, phase: PhaseConfig) -> None:
         """Take a phase's settings, with fresh optimizers."""
@@ -95,12 +124,19 @@ class Sac(nn.Module):
         return self._sample(self._encode(self.encoder, image), touch, generator)[0]
 
     def update(
-        self, batch: Batch, reward: Tensor, generator: torch.Generator, step: int
+        self,
+        batch: Batch,
+        reward: Tensor,
+        generator: torch.Generator,
+        step: int,
+        *,
+        critics_only: bool = False,
     ) -> dict[str, Tensor]:
         """Do one gradient step of critics, actor, temperature and targets.
 
         ``reward`` float32 (N,), of the whole transition. ``step``: control steps of the phase so
-        far. Returns the losses and what else is worth a curve, as scalars.
+        far. ``critics_only`` leaves actor and temperature as they are. Returns the losses and what
+        else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
         features = self._encode(self.encoder, self._shifted(batch.image, generator))
@@ -118,23 +154,45 @@ class Sac(nn.Module):
         first, second = self.critics(features, batch.touch, batch.action)
         critic_loss = functional.mse_loss(first, target) + functional.mse_loss(second, target)
         _step(self.critic_optimizer, critic_loss)
+        losses = {"critic_loss": critic_loss.detach(), "value": first.detach().mean()}
+        if critics_only:
+            self._follow()
+            return losses
 
         features = features.detach()
         action, log_prob = self._sample(features, batch.touch, generator)
         value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
         actor_loss = (alpha * log_prob - value).mean()
+        if self.phase.imitation:
+            recorded = (first + second).detach() / 2.0
+            better = batch.led_to_success & (recorded > value.detach())
+            distance = (action - batch.action).square().sum(dim=1)
+            actor_loss = actor_loss + self.phase.imitation * (better * distance).mean()
+        if self.prior is not None and (weight := self.phase.prior_weight_at(step)):
+            divergence = self._divergence_from(self.prior, features, batch)
+            actor_loss = actor_loss + weight * divergence
         entropy = -log_prob.detach().mean()
         missing = self.phase.target_entropy_at(step) * self.action_size - entropy
         _step(self.actor_optimizer, actor_loss - self.log_temperature * missing)
 
         self._follow()
-        return {
-            "critic_loss": critic_loss.detach(),
+        return losses | {
             "actor_loss": actor_loss.detach(),
-            "value": first.detach().mean(),
             "entropy": entropy,
             "temperature": alpha,
         }
+
+    def _divergence_from(self, prior: "Prior", features: Tensor, batch: Batch) -> Tensor:
+        """Return the batch's mean KL(policy, prior) in nats, before squashing, each capped."""
+        mean, log_std = self.actor.gaussian_of(features, batch.touch)
+        with torch.no_grad():
+            seen = self._encode(prior.encoder, batch.image)
+            prior_mean, prior_log_std = prior.actor.gaussian_of(seen, batch.touch)
+            prior_log_std = prior_log_std.clamp_min(LEAST_PRIOR_LOG_STD)
+        square = (2.0 * log_std).exp() + (mean - prior_mean).square()
+        ratio = square / (2.0 * (2.0 * prior_log_std).exp())
+        divergence = (prior_log_std - log_std + ratio - 0.5).sum(dim=1)
+        return divergence.clamp_max(MOST_DIVERGENCE).mean()
 
     def _sample(
         self, features: Tensor, touch: Tensor, generator: torch.Generator

@@ -270,12 +270,14 @@ class Training:
         learned = self.step - (0 if self.config.dataset else self.config.random_steps)
         if learned <= 0:
             return 0
-        rate = self.config.updates_per_step
+        rate = self._learner.phase.updates_per_step
         return int(learned * rate) - int((learned - 1) * rate)
 
     def _begin_task_phase(self) -> None:
         save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
-        self._learner.begin_task_phase()
+        if updates := self.config.task_phase.critic_updates:
+            self._callbacks.note(f"{updates:,} gradient steps of the task's new critics")
+        self._learner.begin_task_phase(self._replay)
         if self.config.dataset:
             self._begin_episode()
 

@@ -98,7 +98,7 @@ def test_a_new_task_s_training_is_as_long_as_its_preset(monkeypatch):
         ({"evaluate_episodes": 10**12}, "1 to 10000"),
         ({"seed": -1}, "0 to 9223372036854775807"),
         ({"seed": 2**64}, "0 to 9223372036854775807"),
-        ({"updates_per_step": math.nan}, "'updates_per_step' is nan"),
+        ({"exploration": {"updates_per_step": math.nan}}, "'updates_per_step' is nan"),
         ({"task_phase": {"success_share": 1.5}}, "it can be 0 to 1"),
         ({"exploration": {"steps": -1}}, "0 or more"),
         ({"sac": {"batch_size": 0}}, "1 to 65536"),

@@ -14,7 +14,15 @@ CONFIG = TrainingConfig(
     evaluate_episodes=1,
     checkpoint_every=7,
     exploration=PhaseConfig(30),
-    task_phase=PhaseConfig(20, n_step=3, success_share=0.25),
+    task_phase=PhaseConfig(
+        20,
+        n_step=3,
+        success_share=0.25,
+        critic_updates=3,
+        prior_weight=0.5,
+        prior_steps=10,
+        imitation=1.0,
+    ),
     sac=SacConfig(batch_size=4),
     curiosity=CuriosityConfig(width=0.25),
 )
