@@ -135,8 +135,10 @@ def remembers(path: Path) -> bool:
     return first != second
 
 
-@pytest.mark.parametrize("module", [Assigned, WrittenInPlace, Stack])
-@pytest.mark.parametrize("how", ["script", "export"])
+@pytest.mark.parametrize(
+    ("how", "module"),
+    [("script", Assigned), ("script", Stack), ("export", WrittenInPlace), ("export", Stack)],
+)
 def test_an_export_that_keeps_its_state_is_not_warned_about(module, how, tmp_path):
     path = export(module(), how, tmp_path / FILES[how])
     assert remembers(path)

@@ -21,4 +21,4 @@ policy = Recurrent().eval()  # load your weights, then set policy.state to zero
 example = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11))
 
 torch.export.save(torch.export.export(policy, example), "recurrent.pt2")
-torch.jit.script(policy).save("recurrent.pt")  # the same policy; deprecated since PyTorch 2.11
+torch.jit.script(policy).save("recurrent.pt")  # the same policy, deprecated
