@@ -66,8 +66,8 @@ def load_exported(source: PolicySource) -> ExportedPolicy:
         programs = {} if is_compiled else load_pt2(io.BytesIO(source.content)).exported_programs
     except Exception as error:  # whatever is pickled in it may raise
         raise PolicyLoadError(
-            f"{source.target} cannot be read by torch {torch.__version__} (export on the CPU, write "
-            f"with torch.export.save): {describe(error)}"
+            f"{source.target} cannot be read by torch {torch.__version__} (export on the CPU, "
+            f"write with torch.export.save): {describe(error)}"
         ) from error
     if "model" not in programs:
         what = "compiled code" if is_compiled else "no program"
