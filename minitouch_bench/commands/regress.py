@@ -55,9 +55,12 @@ def regress(
         ),
     ] = None,
     alpha: Annotated[
-        float,
-        typer.Option(metavar="X", help="Chance of a false regression, from 0.001 to 0.25."),
-    ] = 0.05,
+        float | None,
+        typer.Option(
+            metavar="X",
+            help="Chance of a false regression, from 0.001 to 0.25; by default that of every test.",
+        ),
+    ] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Always fail if there are not enough episodes.")
     ] = False,
@@ -118,7 +121,8 @@ def regress(
     from minitouch_bench.verification.static_check import refuse_edited
 
     allowed = None if tolerance is None else Tolerance.parse(tolerance)
-    settings = GateSettings(alpha, metric or "", allowed, strict, lenient)
+    level = GateSettings.alpha if alpha is None else alpha
+    settings = GateSettings(level, metric or "", allowed, strict, lenient)
     befores = [refuse_edited(read_run(path)) for path in baseline]
     afters = [refuse_edited(read_run(path)) for path in candidates]
     if policy is not None:

@@ -22,7 +22,7 @@ from minitouch_bench.reporting.labels import (
     metric_head,
     task_title,
 )
-from minitouch_bench.reporting.run_tables import OUTCOME_TITLES
+from minitouch_bench.reporting.report_tables import OUTCOME_TITLES
 
 SMALLEST_P = 0.0001
 """A p-value below is written as such: the bootstrap draws no finer ones."""

@@ -31,7 +31,7 @@ from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
-from minitouch_bench.reporting.run_tables import gap_cells
+from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import (
     Cell,
     Column,

@@ -21,9 +21,9 @@ from minitouch_bench.reporting.charts import (
     Plot,
     series_tone,
 )
-from minitouch_bench.reporting.episodes import Ending, ending_of
+from minitouch_bench.reporting.episode_browser import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
-from minitouch_bench.reporting.run_tables import (
+from minitouch_bench.reporting.report_tables import (
     find_estimate,
     find_generalization,
     task_summary,

@@ -19,9 +19,9 @@ from minitouch_bench import files
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
-from minitouch_bench.reporting import labels, run_tables, tables
+from minitouch_bench.reporting import labels, report_tables, tables
 from minitouch_bench.reporting.charts import series_tone
-from minitouch_bench.reporting.episodes import (
+from minitouch_bench.reporting.episode_browser import (
     BrowsedRun,
     browser_data,
     find_viewers,
@@ -98,9 +98,9 @@ def build_report(
         tasks=tasks,
         metrics=metrics,
         sections=sections,
-        table4=run_tables.table4(sections, tasks, metrics),
-        diagnostics=run_tables.diagnostics(sections, tasks),
-        novel_shapes=run_tables.novel_shapes(sections, tasks),
+        table4=report_tables.table4(sections, tasks, metrics),
+        diagnostics=report_tables.diagnostics(sections, tasks),
+        novel_shapes=report_tables.novel_shapes(sections, tasks),
         episodes=browser_data([_browsed(section, directory) for section in sections], tasks),
         forces=tuple(_forces(run) if directory else {} for run in runs),
         videos=tuple(videos),
@@ -182,7 +182,7 @@ def report_card(report: Report, task: str) -> Card:
     """Compose the card of a task."""
     runs = []
     for section in report.sections:
-        summary = run_tables.task_summary(section.run, task)
+        summary = report_tables.task_summary(section.run, task)
         runs.append((section.name, summary.estimates if summary else {}))
     return make_card(task, runs, image_uri(task))
 
@@ -297,7 +297,7 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
     for task, metric in product(report.tasks, report.metrics):
         for section in report.sections:
             known = "; ".join(section.labels)
-            if estimate := run_tables.find_estimate(section.run, task, metric):
+            if estimate := report_tables.find_estimate(section.run, task, metric):
                 source = f"run ({known})" if known else "run"
                 yield (section.name, task, metric, *astuple(estimate), source)
         for method in labels.PAPER_METHODS:

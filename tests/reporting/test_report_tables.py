@@ -9,7 +9,7 @@ import pytest
 from minitouch_bench.metrics.definitions import DOWN, NO_DIRECTION, UP
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
-from minitouch_bench.reporting.run_tables import find_estimate, mark_best, verdict
+from minitouch_bench.reporting.report_tables import find_estimate, mark_best, verdict
 from minitouch_bench.reporting.tables import ABSENT, Cell
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
 
