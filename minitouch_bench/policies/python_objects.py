@@ -52,10 +52,9 @@ def load_factory(source: PolicySource) -> Policy:
     if not callable(factory):
         raise PolicyLoadError(f"'{source.target}' cannot be called to make a policy")
     policy = make_policy(factory, source.deterministic)
-    missing = [name for name in ("reset", "act") if not callable(getattr(policy, name, None))]
-    if missing:
-        raise PolicyLoadError(f"what '{source.target}' makes has no {missing[0]}()")
-    return policy
+    if not callable(getattr(policy, "act", None)):
+        raise PolicyLoadError(f"what '{source.target}' makes has no act()")
+    return policy if callable(getattr(policy, "reset", None)) else ObjectPolicy(policy)
 
 
 WANTED = (

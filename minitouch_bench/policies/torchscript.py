@@ -73,7 +73,7 @@ def load_torchscript(source: PolicySource) -> TorchScriptPolicy:
             ) from error
         raise PolicyLoadError(
             f"{source.target} is not a TorchScript file. Weights alone are not enough: "
-            "save a module with torch.jit.script(module).save(...), or use .safetensors"
+            "export the module with torch.export as .pt2, see docs/how-to/export-a-policy.md"
         ) from error
     module.eval()
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]

@@ -189,7 +189,10 @@ def load_shape_set(path: Path | str) -> ShapeSet:
     try:
         document = json.loads(read_file(manifest, GIB, follow=True))
     except FileNotFoundError as error:
-        raise UsageError(f"{folder} contains no shape set: {MANIFEST} is missing") from error
+        raise UsageError(
+            f"{folder} contains no shape set: {MANIFEST} is missing. Make one of mesh files with "
+            "minitouch-bench shapes import"
+        ) from error
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{manifest} cannot be read: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:

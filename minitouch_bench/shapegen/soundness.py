@@ -250,7 +250,7 @@ def check_usable(body: Body, pose: RestPose, refuse: Refuse) -> None:
         found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
         raise UnsoundError(Reason.SIZE, found, 0.99 / excess)
     if height > HIGHEST_PUSHED:
-        refuse(Reason.IN_HAND, f"{in_mm(height)}, not {in_mm(HIGHEST_PUSHED, 0)}")
+        refuse(Reason.IN_HAND, f"{in_mm(height)}, not at most {in_mm(HIGHEST_PUSHED, 0)}")
     with open_rig(body) as rig:
         pixels = rig.visible_pixels(pose)
     if pixels < (least := PROTOCOL.observation.least_visible_pixels):
@@ -288,13 +288,13 @@ def laid_pose(hull: Mesh, poses: Sequence[RestPose], refuse: Refuse = strictly) 
     high = [index for index, (height, _) in enumerate(boxes) if height >= LIMITS.least_height]
     if not high:
         high = [*range(len(boxes))]
-        highest = in_mm(max(height for height, _ in boxes))
-        refuse(Reason.TOO_FLAT, f"{highest}, not {in_mm(LIMITS.least_height, 0)}")
+        highest = in_mm(max(height for height, _ in boxes), 2)
+        refuse(Reason.TOO_FLAT, f"{highest}, not at least {in_mm(LIMITS.least_height, 0)}")
     for index in high:
         if boxes[index][1] + 2.0 * LIMITS.margin <= LIMITS.widest:
             return index
     narrowest = in_mm(min(boxes[index][1] for index in high) + 2.0 * LIMITS.margin)
-    refuse(Reason.TOO_WIDE, f"{narrowest}, not {in_mm(LIMITS.widest, 0)}")
+    refuse(Reason.TOO_WIDE, f"{narrowest}, not at most {in_mm(LIMITS.widest, 0)}")
     return high[0]
 
 

@@ -27,7 +27,7 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     except Exception as error:
         raise InvalidActionError("the action is not an array of numbers") from error
     if action.dtype.kind != "f" or action.dtype.itemsize not in FLOAT_BYTES:
-        raise InvalidActionError(f"the action is of type {action.dtype}, not float32")
+        raise InvalidActionError(f"the action is of type {action.dtype}, not floats")
     if action.ndim == 2 and action.shape[0] == 1:
         action = action[0]
     if action.ndim != 1:

@@ -58,7 +58,7 @@ def test_a_ray_started_here_gives_the_same_numbers_and_leaves_nothing(scripted, 
     assert document == json.loads((tmp_path / "run" / "run.json").read_text())
     assert document["digest"] == json.loads((scripted[1] / "run.json").read_text())["digest"]
     lines = done.err.splitlines()
-    assert all(line.startswith(("episodes", "report: ")) for line in lines), done.err
+    assert all(line.startswith(("episodes", "pushing ", "report: ")) for line in lines), done.err
 
 
 @pytest.mark.slow

@@ -115,8 +115,8 @@ TWO = {("pushing", "1"), ("opening", "0")}
 def test_a_run_of_chosen_episodes_is_verified_replayed_reported_and_resumed(chosen, tmp_path):
     _, directory, which = chosen
     assert run("verify", directory, directory=tmp_path).code == 0
-    assert run("replay", directory, "pushing/1", "--steps", directory=tmp_path).code == 0
-    gone = run("replay", directory, "pushing/0", "--steps", directory=tmp_path)
+    assert run("replay", directory, "pushing/1", directory=tmp_path).code == 0
+    gone = run("replay", directory, "pushing/0", directory=tmp_path)
     gone.refused(2, "no episode 'pushing/0'; it has pushing/1, opening/0")
     copy = shutil.copytree(directory, tmp_path / "copy")
     assert run("report", copy, directory=tmp_path).code == 0

@@ -279,7 +279,7 @@ def test_our_own_start_is_not_of_the_time_to_load(bad, monkeypatch):
     [
         ("raising_factory", "RuntimeError: no weights here"),
         ("exiting_factory", "exited with code 7: cannot start"),
-        ("not_a_policy", "has no reset"),
+        ("not_a_policy", "has no act"),
         ("claiming_factory", "UNCONFINED is not an answer to LOAD"),
         ("missing", "cannot be imported"),
     ],
