@@ -189,6 +189,7 @@ def train(
     settings: Mapping[str, Any] = MappingProxyType({}),
     output: StrPath | None = None,
     resume: bool = False,
+    fresh: bool = False,
     device: str = "auto",
     progress: bool | None = None,
     callbacks: "TrainingCallbacks | None" = None,
@@ -227,7 +228,9 @@ def train(
         if (is_watched() and callbacks is None) if progress is None else progress:
             callbacks = TrainingCallbacks(**showing.enter_context(training_progress()))
         callbacks = callbacks or NO_CALLBACKS
-        is_done = run_training(asked, directory, resume=resume, device=device, callbacks=callbacks)
+        is_done = run_training(
+            asked, directory, resume=resume, fresh=fresh, device=device, callbacks=callbacks
+        )
     if not is_done:
         raise InterruptedRunError(
             f"interrupted; what is learned is kept in {directory}, and the same command with "

@@ -1,6 +1,7 @@
 """Train a learner in a directory, evaluated as it goes under the protocol's own rollout."""
 
 import os
+import shutil
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 
 from minitouch_bench import files
+from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, IMAGES_FILE
 from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
 from minitouch_bench.agents.training import (
     NO_CALLBACKS,
@@ -32,7 +34,7 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import KEPT_FILE, TRAINED_FILE
+from minitouch_bench.policies.sources import EXPLORED_FILE, KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.reporting.training_page import training_page
@@ -50,23 +52,30 @@ def run_training(
     directory: Path,
     *,
     resume: bool = False,
+    fresh: bool = False,
     device: str = "auto",
     callbacks: TrainingCallbacks = NO_CALLBACKS,
 ) -> bool:
     """Train to the end and return True, or False where it was asked to stop before.
 
-    ``device``: "auto", "cpu" or "cuda".
+    ``fresh`` removes the training that the directory contains. ``device``: "auto", "cpu" or
+    "cuda".
 
     Raises:
-        UsageError: no such device, or settings with which the training diverges.
+        UsageError: no such device, settings with which the training diverges, or both ``resume``
+            and ``fresh``.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
     """
+    if resume and fresh:
+        raise UsageError("choose one of --resume and --fresh")
     chosen = choose_device(device)
     keep_freed_memory()
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
     with files.lock_directory(directory), ExitStack() as stack:
+        if fresh:
+            _remove_training(directory)
         _check_directory(config, directory, resume, callbacks.note)
         callbacks.begin(config.steps)
         environment = MiniTouchEnv(
@@ -212,7 +221,10 @@ def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note
             )
     elif entries:
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
-        advice = "continue the training in it with --resume, or choose another --output"
+        advice = (
+            "continue the training in it with --resume, replace it with --fresh, or choose another "
+            "--output"
+        )
         if CONFIG_FILE not in entries:
             advice = "it contains no training; choose another --output"
         raise RunDirectoryError(
@@ -220,6 +232,21 @@ def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note
         )
     elif resume:
         note(f"{directory} contains no training yet: one is started")
+
+
+def _remove_training(directory: Path) -> None:
+    """Remove the files of a training, where there is one, and leave all others."""
+    if CONFIG_FILE not in files.entries_of(directory):
+        return
+    names = (
+        CHECKPOINT_FILE, IMAGES_FILE, files.PROGRESS_FILE, files.REPORT_PAGE, EXPLORED_FILE,
+        TRAINED_FILE, KEPT_FILE.format("*"), CONFIG_FILE,
+    )  # fmt: skip
+    with files.os_errors_as(RunDirectoryError, directory, "cleared"):
+        for file in [file for name in names for file in directory.glob(name)]:
+            file.unlink()
+        if (directory / EVENTS_DIRECTORY).is_dir():
+            shutil.rmtree(directory / EVENTS_DIRECTORY)
 
 
 def _keep_policy(file: Path, steps: int) -> None:

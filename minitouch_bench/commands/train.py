@@ -69,6 +69,9 @@ def train(
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint.")] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Replace the training in the directory.")
+    ] = False,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
@@ -87,6 +90,7 @@ def train(
         config=config,
         output=output,
         resume=resume,
+        fresh=fresh,
         device=device,
         progress=True,
     )

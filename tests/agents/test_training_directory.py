@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from minitouch_bench.agents import checkpoint, training
+from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -110,6 +111,20 @@ def test_events_are_written_into_no_other_folder(prepared):
     with pytest.raises(RunDirectoryError, match="events"):
         stop_at_once(prepared)
     assert [file.name for file in mine(prepared).parent.iterdir()] == ["letter.txt"]
+
+
+def test_a_fresh_training_replaces_one_and_leaves_other_files(prepared):
+    config = (prepared / "config.toml").read_text()
+    with pytest.raises(UsageError, match="--fresh"):
+        run_training(CONFIG, prepared, resume=True, fresh=True, device="cpu")
+    stopped = TrainingCallbacks(should_stop=lambda: True)
+    other = replace(CONFIG, seed=CONFIG.seed + 1)
+    run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
+    assert (prepared / "config.toml").read_text() != config
+    (prepared / "letter.txt").write_text("mine")
+    with pytest.raises(RunDirectoryError, match="letter"):
+        run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
+    assert (prepared / "letter.txt").read_text() == "mine"
 
 
 # A training that diverges
