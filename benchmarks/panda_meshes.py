@@ -18,7 +18,7 @@ LIGHT_TRIANGLES = 90
 """Triangles kept of each link; at 84 x 84 pixels more cannot be told apart."""
 
 PORTRAIT_SHARE, PORTRAIT_LEAST = 0.09, 100
-"""Share of the triangles of each part that a picture of 240 x 240 needs, and how many at least."""
+"""Share of each part's triangles kept for pictures of 240 x 240 pixels, and the least number."""
 
 SIDE, DARK_BELOW = 1024, 200
 """Of the palette: the pixels of a side, and the gray level below which a part is dark."""

@@ -128,7 +128,7 @@ def check_checkpoints(
         kind = KIND_BY_SUFFIX.get(name.suffix)
         if file.file and kind is None:
             remedy = f"a checkpoint ends in {', '.join(KIND_BY_SUFFIX)}"
-            problems.add(file.file, "it is no checkpoint", remedy)
+            problems.add(file.file, "it is not a checkpoint", remedy)
         if file.task not in (ALL_TASKS, name.stem):
             problems.add(file.file, f"it is not named after its task {file.task}", "rename it")
         if file.path not in sizes:

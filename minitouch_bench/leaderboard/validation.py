@@ -131,7 +131,7 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
             submission = read_submission(content, problems)
     elif sizes or not problems:
         remedy = "make one with minitouch-bench submit"
-        problems.add(SUBMISSION_FILE, "it is missing: this is no submission", remedy)
+        problems.add(SUBMISSION_FILE, "it is missing: this is not a submission", remedy)
     if submission is None:
         return SubmissionFindings(tuple(problems), directory=directory)
     videos = check_files(directory, submission, sizes, problems)

@@ -262,12 +262,12 @@ def notes() -> tuple[str, ...]:
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
         "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
         "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
-        "p: corrected for all pairs of the table. Training seeds that would settle a case: with so "
-        "many of each row the test finds the difference in 4 of 5 repetitions, if the difference "
+        "p is corrected for all pairs of the table. With the number of training seeds per row that "
+        "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "
-        "episodes are the same. It is a guess: a true difference half as large needs four times as "
-        f"many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which does not "
-        "show how its seeds vary.",
+        "episodes are the same. The number is a guess: a true difference half as large needs four "
+        f"times as many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which "
+        "does not show how its seeds vary.",
         f"Brackets: 95 % interval. One training seed: {intervals_in_words(ranking.BOARD_METRICS)}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         "Learned: the lower end of a training seed's interval of success is above "

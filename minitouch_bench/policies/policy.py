@@ -71,10 +71,10 @@ NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
 class PolicySource:
     """A policy as it was named, found and readable: what can be sent to another process.
 
-    The ``Policy`` that acts cannot: it holds a session, a connection or a running process.
+    The ``Policy`` that acts cannot: it has a session, a connection or a running process.
 
     ``target`` is the file, the factory or the URL. ``digest`` is the SHA-256 of the file's bytes,
-    "" where there is no file. A directory has ``parts``, one source per task. ``content`` holds
+    "" where there is no file. A directory has ``parts``, one source per task. ``content`` is
     the bytes of a policy that is in memory, and for a loader those of the file. ``address`` is
     what a run records in place of ``target``, where that is a cached copy. A policy that is not
     ``deterministic`` may sample its actions.
@@ -194,7 +194,7 @@ class Format:
     ``computes_with`` is the package whose version the actions depend on, as pip names it.
     ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
     computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
-    ``advice`` is what whoever evaluates such a file is told once.
+    ``advice`` is shown once to a user who evaluates such a file.
     """
 
     loader: str

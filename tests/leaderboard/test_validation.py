@@ -416,9 +416,9 @@ def test_a_key_that_is_there_twice(submission):
     refused(submission, f"{RUN}, run.json", "there twice")
 
 
-# What is no submission
+# What is not a submission
 
 
 def test_what_is_no_submission(tmp_path):
     refused(tmp_path / "none", "it is not a directory")
-    refused(tmp_path, "this is no submission")
+    refused(tmp_path, "this is not a submission")
