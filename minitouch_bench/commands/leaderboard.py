@@ -89,7 +89,7 @@ def build(
         bool, typer.Option("--strict", help="Exit 1 if any submission is refused.")
     ] = False,
 ) -> None:
-    """Write the leaderboard as Markdown, CSV, JSON and a site that opens offline."""
+    """Write the leaderboard as Markdown, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.site import build_board
 
     board = build_board(submissions, output, note)

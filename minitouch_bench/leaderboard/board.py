@@ -4,17 +4,17 @@ Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.errors import printable
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
 from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Pair, Rank
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, About, ColumnSpec, columns_of
+from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
 from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
@@ -55,14 +55,6 @@ class PublishedMethod:
     values: tuple[PublishedValue, ...]
 
 
-def _repeats(others: tuple[str, ...]) -> str:
-    return f"same episodes as {', '.join(others)}" if others else ""
-
-
-def _seeds(seeds: tuple[int, ...]) -> str:
-    return "1 seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
-
-
 @dataclass(frozen=True, kw_only=True)
 class BoardRow(About):
     """A submission: what it says of itself, how well it is proved, and its figures.
@@ -76,12 +68,12 @@ class BoardRow(About):
     learned each task with a goal. ``endings``: number of episodes by how they ended.
     """
 
-    proof: Annotated[ProofLevel, ColumnSpec("Proof", "column")]
-    labels: Annotated[tuple[str, ...], ColumnSpec("Labels", "name")]
+    proof: ProofLevel
+    labels: tuple[str, ...]
     rerun_episodes: Count
     fresh: FreshProof | None
-    same_episodes_as: Annotated[tuple[str, ...], ColumnSpec("Repeats", "name", write=_repeats)]
-    training_seeds: Annotated[tuple[Count, ...], ColumnSpec("Training seeds", "name", write=_seeds)]
+    same_episodes_as: tuple[str, ...]
+    training_seeds: tuple[Count, ...]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
     figures: Mapping[str, Mapping[str, Estimate]]
@@ -114,7 +106,66 @@ class BoardRow(About):
         return self.figures.get(task, {}).get(metric)
 
 
-COLUMN_SPECS = columns_of(BoardRow)
+def in_words(value: object) -> str:
+    """Write a value for people; "" where there is none."""
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value or "")
+
+
+def amount(number: int) -> str:
+    """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
+    rounded = float(f"{number:.3g}")
+    for size, unit in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if rounded >= size:
+            return f"{rounded / size:.3g}\u202f{unit}"
+    return str(number) if number else "none"
+
+
+def _repeats(others: tuple[str, ...]) -> str:
+    return f"same episodes as {in_words(others)}" if others else ""
+
+
+def _seeds(seeds: tuple[int, ...]) -> str:
+    return "1 seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
+
+
+@dataclass(frozen=True)
+class ColumnSpec:
+    """How a field of ``BoardRow`` is shown.
+
+    Args:
+        label: Heading of the column.
+        place: Where the field is shown beside the list on the submission's page, which has all
+            of them. "column": in the Markdown file, and in a column of the site's overall table.
+            "name": in that file, and below the row's name in that table. "page": nowhere else.
+        unit: What a number counts.
+        write: Gives the text for people, "" where there is nothing to say.
+        is_text: Whether the column has words.
+        is_link: Whether the value is an address.
+    """
+
+    label: str
+    place: Literal["column", "name", "page"] = "page"
+    unit: str = ""
+    write: Callable[[Any], str] = in_words
+    is_text: bool = True
+    is_link: bool = False
+
+
+COLUMN_SPECS: Mapping[str, ColumnSpec] = {
+    "method": ColumnSpec("Method", "name"),
+    "authors": ColumnSpec("Authors"),
+    "paper": ColumnSpec("Paper", is_link=True),
+    "code": ColumnSpec("Code", is_link=True),
+    "license": ColumnSpec("License"),
+    "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
+    "modalities": ColumnSpec("Modalities", "name"),
+    "notes": ColumnSpec("Notes"),
+    "proof": ColumnSpec("Proof", "column"),
+    "labels": ColumnSpec("Labels", "name"),
+    "same_episodes_as": ColumnSpec("Repeats", "name", write=_repeats),
+    "training_seeds": ColumnSpec("Training seeds", "name", write=_seeds),
+}
+"""The columns of the board, beside its estimates: fields of ``BoardRow`` in order."""
 
 
 @dataclass(frozen=True)

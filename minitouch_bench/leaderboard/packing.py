@@ -15,14 +15,15 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.proof import PROOFS
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
+    MAX_VIDEO,
     NAME,
+    RUN_LIMITS,
     SUBMITTED_SUITES,
     CheckpointFile,
     Submission,
     TrainingSeed,
     in_place,
 )
-from minitouch_bench.leaderboard.submission_files import MAX_VIDEO, RUN_LIMITS
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.policies.sources import HUB, parse_hub_address, parse_source

@@ -19,10 +19,18 @@ from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     FreshProof,
+    FreshResult,
+    Group,
     Proof,
     ProofLevel,
+    Values,
     can_be_run,
+    compare_fresh,
+    drop_together,
+    fresh_seed,
+    new_draw,
     proof_path,
+    significant_drops,
 )
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
@@ -31,16 +39,6 @@ from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, PolicySource
 from minitouch_bench.policies.sources import directory_digest, parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification import replay_check
-from minitouch_bench.verification.fresh import (
-    FreshResult,
-    Group,
-    Values,
-    compare_fresh,
-    drop_together,
-    fresh_seed,
-    new_draw,
-    significant_drops,
-)
 from minitouch_bench.verification.problems import Problems
 
 RERUN_EPISODES, FRESH_EPISODES = 20, 50

@@ -4,11 +4,9 @@ The site is an index and a page per submission, each complete in itself.
 """
 
 import math
-import os
-import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -17,13 +15,14 @@ from markupsafe import Markup
 from minitouch_bench import files
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.files import os_errors_as, write_file
-from minitouch_bench.json_io import read_json, write_json
+from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import views
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
     TOUCH_METRICS,
     Board,
     BoardRow,
+    amount,
     make_board,
 )
 from minitouch_bench.leaderboard.proof import (
@@ -37,11 +36,9 @@ from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import (
     BOARD_GOALS,
     BOARD_TASKS,
+    MAX_VIDEO,
     MODALITIES,
-    NAME,
-    amount,
 )
-from minitouch_bench.leaderboard.submission_files import MAX_VIDEO
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import TABLE4_METRICS
@@ -68,9 +65,6 @@ BOARD_FILE = "leaderboard.json"
 
 PAGES, SITE_PICTURES = "submission", "pictures"
 """Directories of the submissions' pages, and of the tasks' pictures, in the site."""
-
-COPIED_VIDEO = re.compile(r"seed-\d+-[a-z0-9-]+-\d+\.mp4")
-"""What ``video_address`` calls a video in its submission's directory of the site."""
 
 
 def build_board(
@@ -99,16 +93,16 @@ def build_board(
     for folder in (pages, output / SITE_PICTURES):
         files.make_folder(folder)
     rows = {row.name: row for row in board.rows}
-    _remove_pages(output, rows)
+    written = set()
     write_file(output / "leaderboard.md", views.board_markdown(board, shown))
-    write_file(output / "leaderboard.csv", views.board_csv(board))
     write_file(output / BOARD_FILE, write_json(board))
     write_file(output / "index.html", index_html(board, shown))
     for found in findings:
         if found.passed:
-            page = submission_page(found, rows[found.submission.name], board)
-            write_file(pages / f"{found.submission.name}.html", page, durable=False)
-            _copy_videos(found, pages)
+            page = pages / f"{found.submission.name}.html"
+            write_file(page, submission_page(found, rows[page.stem], board), durable=False)
+            written |= {page, *_copy_videos(found, pages)}
+    _remove_others(pages, written)
     for task in BOARD_TASKS:
         picture = PICTURES / f"{task}.png"
         if picture.exists():  # a new task may have none yet
@@ -132,16 +126,14 @@ def find_submissions(directory: Path) -> list[Path]:
     raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
 
 
-def _copy_videos(found: SubmissionFindings, pages: Path) -> None:
-    """Copy a submission's videos beside its page, and remove those it no longer has."""
-    folder, kept = pages / found.submission.name, set()
+def _copy_videos(found: SubmissionFindings, pages: Path) -> Iterator[Path]:
+    """Copy a submission's videos beside its page, and yield where each of them is then."""
     for path in found.videos():
-        source, target = found.directory / path, pages / video_address(folder.name, path)
-        kept.add(target.name)
-        files.make_folder(folder)
+        source, target = found.directory / path, pages / video_address(found.submission.name, path)
+        files.make_folder(target.parent)
         with os_errors_as(RunDirectoryError, source, "copied"):
             write_file(target, files.read_file(source, MAX_VIDEO), durable=False)
-    _remove_videos(folder, kept)
+        yield target
 
 
 def video_address(name: str, path: str) -> str:
@@ -150,50 +142,20 @@ def video_address(name: str, path: str) -> str:
     return f"{name}/{path.replace(f'/{files.VIDEOS}/', '-').replace('/', '-')}"
 
 
-@dataclass(frozen=True)
-class _Listed:
-    name: str
+def _remove_others(pages: Path, written: Container[Path]) -> None:
+    """Remove the pages and videos of an earlier board that this one does not have.
 
-
-@dataclass(frozen=True)
-class _EarlierBoard:
-    """What is read of the leaderboard that a directory had before."""
-
-    ranked: tuple[_Listed, ...]
-    unranked: tuple[_Listed, ...]
-    calibration: tuple[_Listed, ...]
-
-
-def _remove_pages(output: Path, kept: Collection[str]) -> None:
-    """Remove the pages and videos of rows that the leaderboard in a directory had before.
-
-    Only files with the names that this program gives are removed, and no link is followed:
-    anybody can have written the earlier leaderboard.
+    No link is followed, and what is called otherwise than they are stays.
     """
-    try:
-        board = read_json(files.read_file(output / BOARD_FILE), _EarlierBoard, BOARD_FILE)
-    except (OSError, RunDirectoryError):  # there is none, or another file
-        return
-    for row in (*board.ranked, *board.unranked, *board.calibration):
-        if row.name in kept or not re.search(str(NAME.pattern), row.name):
-            continue
-        page = output / PAGES / f"{row.name}.html"
-        if page.is_file() and not page.is_symlink():
-            with os_errors_as(RunDirectoryError, page, "removed"):
-                page.unlink()
-        _remove_videos(output / PAGES / row.name)
-
-
-def _remove_videos(folder: Path, kept: Collection[str] = ()) -> None:
-    """Remove copied videos from a directory of the site, and the directory if it is empty then."""
-    if not files.is_folder(folder):
-        return
-    with os_errors_as(RunDirectoryError, folder, "cleared"):
-        for name in filter(COPIED_VIDEO.fullmatch, os.listdir(folder)):
-            if name not in kept and not files.is_folder(folder / name):
-                (folder / name).unlink()
-        with suppress(OSError):  # something else is in it
-            folder.rmdir()
+    folders = [*filter(files.is_folder, pages.iterdir())]
+    videos = chain.from_iterable(folder.glob("seed-*.mp4") for folder in folders)
+    with os_errors_as(RunDirectoryError, pages, "cleared"):
+        for path in (*pages.glob("*.html"), *videos):
+            if path not in written and path.is_file() and not path.is_symlink():
+                path.unlink()
+        for folder in folders:
+            with suppress(OSError):  # something is in it
+                folder.rmdir()
 
 
 # The index

@@ -1,24 +1,27 @@
-"""What a submission says of itself: the types of ``submission.toml``, and its reader.
+"""A submission: the types of ``submission.toml``, which its schema follows from, and its files.
 
-The types say what each value may be, and the published schema follows from them. A field with a
-``ColumnSpec`` is also shown: the board's CSV and Markdown files, the site's tables and the
-submission's page go over these fields, so a new one needs no other code.
+The files are known plain ones of honest sizes, and none of them is executed.
 """
 
+import hashlib
+import os
 import re
+import stat
 import unicodedata
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal, get_type_hints
+from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
+from minitouch_bench import files
 from minitouch_bench.episode import Role, Sha256
-from minitouch_bench.errors import UsageError, printable
-from minitouch_bench.files import CHECKPOINTS, SUBMISSION_FILE
+from minitouch_bench.errors import UnreadableFileError, UsageError, printable
 from minitouch_bench.json_io import parse_toml, read_table, whole, write_toml
+from minitouch_bench.policies.policy import FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.verification.problems import Problems
@@ -49,24 +52,16 @@ def _form(pattern: str, description: str, longest: int | None = None) -> Meta:
     return Meta(pattern=whole(pattern), max_length=longest, description=description)
 
 
-DEVICES = re.sub(
-    "[a-z]",
-    lambda letter: f"[{letter[0]}{letter[0].upper()}]",
-    "(?:con|prn|aux|nul|com[0-9]|lpt[0-9])",
-)
-"""What no file can be called on Windows, whatever its ending."""
-PLAIN_FILE = rf"(?!{DEVICES}(?:\.|$))(?!.*\.\.)"
-
 NAME = _form(
-    rf"{PLAIN_FILE}(?!.*\.html$)[a-z0-9](?:[a-z0-9._-]{{0,62}}[a-z0-9])?",
+    r"(?!.*\.\.)(?!.*\.html$)[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?",
     "A name of 1 to 64 of a-z, 0-9, '.', '_', '-', that begins and ends with a letter or digit, "
-    "without '..' or '.html', and is not a device of Windows.",
+    "without '..' or '.html'.",
 )
 """Of a submission: it becomes a directory and an address on every system."""
 FILE_NAME = _form(
-    rf"{PLAIN_FILE}[A-Za-z0-9][A-Za-z0-9._-]{{0,126}}[A-Za-z0-9]",
+    r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]",
     "A file name of letters, digits, '.', '_', '-', that begins and ends with a letter or digit, "
-    "without '..', and is not a device of Windows.",
+    "without '..'.",
 )
 PLAIN_TEXT = _form(
     r"(?![=+@ -])(?!.*(?:  | $))[^<>\x00-\x1f\x7f]*",
@@ -86,55 +81,6 @@ LICENSE = _form(
 MODALITY = _form("|".join(MODALITIES), f"One of {', '.join(MODALITIES)}.")
 SUITE = _form("|".join(SUBMITTED_SUITES), f"One of {', '.join(SUBMITTED_SUITES)}.")
 TASK = _form("|".join((ALL_TASKS, *TASK_NAMES)), f"A task, or '{ALL_TASKS}'.")
-
-
-def in_words(value: object) -> str:
-    """Write a value for people; "" where there is none."""
-    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value or "")
-
-
-def amount(number: int) -> str:
-    """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
-    rounded = float(f"{number:.3g}")
-    for size, unit in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if rounded >= size:
-            return f"{rounded / size:.3g}\u202f{unit}"
-    return str(number) if number else "none"
-
-
-@dataclass(frozen=True)
-class ColumnSpec:
-    """How a field of a row is shown, given in the field's ``Annotated`` type.
-
-    Args:
-        label: Heading of the column.
-        place: Where the field is shown beside the list on the submission's page, which has all
-            of them. "column": in the CSV and Markdown files, and in a column of the site's
-            overall table. "name": in these files, and below the row's name in that table.
-            "page": nowhere else.
-        unit: What a number counts.
-        write: Gives the text for people, "" where there is nothing to say. The CSV file has the
-            value itself: the words of a tuple with spaces between, or how many numbers it has.
-        is_text: Whether the column has words.
-        is_link: Whether the value is an address.
-    """
-
-    label: str
-    place: Literal["column", "name", "page"] = "page"
-    unit: str = ""
-    write: Callable[[Any], str] = in_words
-    is_text: bool = True
-    is_link: bool = False
-
-
-def columns_of(kind: type) -> Mapping[str, ColumnSpec]:
-    """Return the columns of a record by the names of their fields, in order."""
-    return {
-        name: note
-        for name, hint in get_type_hints(kind, include_extras=True).items()
-        for note in getattr(hint, "__metadata__", ())
-        if isinstance(note, ColumnSpec)
-    }
 
 
 REFERENCE = re.compile(r"hf://[\w-][\w.-]*/[\w-][\w.-]*@[0-9a-f]{40}(?:/[\w-][\w.-]*)+", re.ASCII)
@@ -186,28 +132,18 @@ class About:
     """
 
     name: Annotated[str, NAME] = ""
-    method: Annotated[
-        str, PLAIN_TEXT, Meta(min_length=1, max_length=120), ColumnSpec("Method", "name")
-    ] = ""
+    method: Annotated[str, PLAIN_TEXT, Meta(min_length=1, max_length=120)] = ""
     authors: Annotated[
-        tuple[Annotated[str, PLAIN_TEXT, Meta(max_length=100)], ...],
-        Meta(max_length=50),
-        ColumnSpec("Authors"),
+        tuple[Annotated[str, PLAIN_TEXT, Meta(max_length=100)], ...], Meta(max_length=50)
     ] = ()
-    paper: Annotated[str, LINK, ColumnSpec("Paper", is_link=True)] = ""
-    code: Annotated[str, LINK, ColumnSpec("Code", is_link=True)] = ""
-    license: Annotated[str, LICENSE, ColumnSpec("License")] = ""
-    training_steps: Annotated[
-        int,
-        Meta(ge=0, le=10**12),
-        ColumnSpec("Training", "column", "control steps", amount, is_text=False),
-    ] = 0
+    paper: Annotated[str, LINK] = ""
+    code: Annotated[str, LINK] = ""
+    license: Annotated[str, LICENSE] = ""
+    training_steps: Annotated[int, Meta(ge=0, le=10**12)] = 0
     modalities: Annotated[
-        tuple[Annotated[str, MODALITY], ...],
-        Meta(extra_json_schema={"uniqueItems": True}),
-        ColumnSpec("Modalities", "name"),
+        tuple[Annotated[str, MODALITY], ...], Meta(extra_json_schema={"uniqueItems": True})
     ] = ()
-    notes: Annotated[str, PLAIN_TEXT, Meta(max_length=2000), ColumnSpec("Notes")] = ""
+    notes: Annotated[str, PLAIN_TEXT, Meta(max_length=2000)] = ""
 
 
 @dataclass(frozen=True)
@@ -222,10 +158,7 @@ class FormatMark:
 class Submission(About, FormatMark):
     """What a submission says of itself, and one entry per training seed."""
 
-    seeds: Annotated[
-        tuple[TrainingSeed, ...],
-        Meta(min_length=1, max_length=20),
-    ] = ()
+    seeds: Annotated[tuple[TrainingSeed, ...], Meta(min_length=1, max_length=20)] = ()
 
 
 def run_place(seed: int, suite: str) -> str:
@@ -235,7 +168,7 @@ def run_place(seed: int, suite: str) -> str:
 
 def checkpoint_place(seed: int, role: Role, file: str) -> str:
     """Return where a submission keeps a checkpoint's file."""
-    return str(PurePosixPath(CHECKPOINTS, f"seed-{seed}", role.value, file))
+    return str(PurePosixPath(files.CHECKPOINTS, f"seed-{seed}", role.value, file))
 
 
 SEE = "see docs/reference/files.md"
@@ -259,10 +192,10 @@ def read_submission(content: bytes, problems: Problems) -> Submission:
         raise UsageError(f"its version is not {VERSION}")
     submission, mistakes = read_table(document, Submission)
     for mistake in mistakes:
-        problems.add(SUBMISSION_FILE, mistake, SEE)
+        problems.add(files.SUBMISSION_FILE, mistake, SEE)
     for key, mistake in (*_texts(submission), *_seeds(submission)):
         if key in document and not any(known.startswith(key) for known in mistakes):
-            problems.add(SUBMISSION_FILE, f"{key}: {mistake}", SEE)
+            problems.add(files.SUBMISSION_FILE, f"{key}: {mistake}", SEE)
     return replace(submission, seeds=tuple(map(in_place, submission.seeds)))
 
 
@@ -314,11 +247,143 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
 
 def in_place(seed: TrainingSeed) -> TrainingSeed:
     """Return a training seed with the only paths there are, whatever it says: none leads out."""
-    files = (
+    checkpoints = (
         file
         if file.is_reference or not file.path
         else replace(file, path=checkpoint_place(seed.seed, file.role, file.file))
         for file in seed.checkpoints
     )
     runs = {suite: run_place(seed.seed, suite) for suite in seed.runs}
-    return replace(seed, runs=runs, checkpoints=tuple(files))
+    return replace(seed, runs=runs, checkpoints=tuple(checkpoints))
+
+
+RUN_LIMITS = {files.RUN_FILE: 4 * files.MIB, files.ACTIONS_FILE: 12 * files.MIB}
+"""The files that each run in a submission has, beside videos, and the most bytes of each."""
+
+VIEWS = (".csv", ".md", ".html")
+"""Endings of files that are written for people: of a run's facts, and not among them."""
+
+MAX_SUBMISSION_FILE = 64 * files.KIB
+MP4_MARK = b"ftyp"
+"""What an MP4 file has at its fifth byte."""
+MAX_VIDEO = 20 * files.MIB
+MAX_FILES = 2000
+MAX_DEPTH = 4
+
+VIDEO = re.compile(rf"(?:exploration-)?(?:{'|'.join(TASK_NAMES)})-\d{{1,4}}\.mp4")
+
+
+def list_files(directory: Path, problems: Problems) -> dict[str, int]:
+    """Return the size in bytes of every plain file by its path; nothing is followed or opened."""
+    sizes: dict[str, int] = {}
+    with problems.caught(""), files.os_errors_as(UnreadableFileError, directory, "read"):
+        if not directory.is_dir():
+            problems.add("", "it is not a directory", "give a submission's directory")
+        elif not files.is_folder(directory):
+            problems.add("", "it is a link, not a directory", "give the directory itself")
+        for entry in () if problems else _walk(directory):
+            path = entry.path[len(str(directory)) + 1 :]
+            status = entry.stat(follow_symlinks=False)
+            if stat.S_ISLNK(status.st_mode):
+                problems.add(path, "it is a symbolic link", "put the file itself there")
+            elif stat.S_ISREG(status.st_mode):
+                sizes[path] = status.st_size
+            elif not stat.S_ISDIR(status.st_mode):
+                problems.add(path, "it is no plain file", "remove it")
+            elif path.count("/") >= MAX_DEPTH - 1:
+                what = f"it is a directory more than {MAX_DEPTH} levels deep"
+                problems.add(path, what, "remove it")
+            if len(sizes) > MAX_FILES:
+                problems.add("", f"it has more than {MAX_FILES} files", "remove some")
+                break
+    return sizes
+
+
+def _walk(directory: Path | str, depth: int = 0) -> Iterator[os.DirEntry[str]]:
+    """Walk through all that lies in a directory, in order, down to MAX_DEPTH; follow no link."""
+    with os.scandir(directory) as entries:
+        for entry in sorted(entries, key=lambda entry: entry.name):
+            yield entry
+            if entry.is_dir(follow_symlinks=False) and depth < MAX_DEPTH - 1:
+                yield from _walk(entry.path, depth + 1)
+
+
+def read_plain(directory: Path, path: str, limit: int) -> bytes:
+    """Return the bytes of a submission's file, with an error that does not repeat its name.
+
+    Raises:
+        UnreadableFileError: it cannot be read, or is larger than ``limit``.
+    """
+    try:
+        return files.read_file(directory / path, limit)
+    except OSError as error:
+        raise UnreadableFileError(f"it cannot be read: {error.strerror}") from error
+
+
+def check_files(
+    directory: Path, submission: Submission, sizes: Mapping[str, int], problems: Problems
+) -> dict[str, str]:
+    """Compare the files with those that a submission has, and return its videos' SHA-256 by path.
+
+    A leaderboard publishes the videos, so each must be what its name says.
+    """
+    folders = [folder for seed in submission.seeds for folder in seed.runs.values()]
+    limits = {files.SUBMISSION_FILE: MAX_SUBMISSION_FILE}
+    limits |= {f"{folder}/{name}": most for folder in folders for name, most in RUN_LIMITS.items()}
+    listed = (file for seed in submission.seeds for file in seed.checkpoints)
+    checkpoints = {file.path for file in listed if file.path and not file.is_reference}
+    limits |= dict.fromkeys(checkpoints, files.LARGEST_CHECKPOINT)
+    for path in [path for path in limits if path not in sizes]:
+        remedy = 'add it, or set its path to ""' if path in checkpoints else "pack the run again"
+        problems.add(path, "it is missing", remedy)
+    digests: dict[str, str] = {}
+    for path, size in sizes.items():
+        folder, _, name = path.partition(f"/{files.VIDEOS}/")
+        is_video = folder in folders and VIDEO.fullmatch(name)
+        limit = MAX_VIDEO if is_video else limits.get(path)
+        if limit is None:
+            more = "; make tables and pages with minitouch-bench report"
+            remedy = f"remove it{more if path.endswith(VIEWS) else ''}"
+            problems.add(path, "a submission has no such file", remedy)
+        elif size > limit:
+            problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
+        elif is_video:
+            with problems.caught(path):
+                content = read_plain(directory, path, MAX_VIDEO)
+                digests[path] = hashlib.sha256(content).hexdigest()
+                if content[4:8] != MP4_MARK:
+                    problems.add(path, "it is not an MP4 video", "record it again")
+    return digests
+
+
+def check_checkpoints(
+    directory: Path, seed: TrainingSeed, sizes: Mapping[str, int], problems: Problems
+) -> None:
+    """Check the names of a training seed's files, and the bytes of those that are there."""
+    for file in seed.checkpoints:
+        name = PurePosixPath(file.file)
+        kind = KIND_BY_SUFFIX.get(name.suffix)
+        if file.file and kind is None:
+            remedy = f"a checkpoint ends in {', '.join(KIND_BY_SUFFIX)}"
+            problems.add(file.file, "it is not a checkpoint", remedy)
+        if file.task not in (ALL_TASKS, name.stem):
+            problems.add(file.file, f"it is not named after its task {file.task}", "rename it")
+        if file.path not in sizes:
+            continue
+        with problems.caught(file.path):
+            content = read_plain(directory, file.path, files.LARGEST_CHECKPOINT)
+            check_content(file, content, problems)
+
+
+def check_content(file: CheckpointFile, content: bytes, problems: Problems) -> None:
+    """Compare a checkpoint's bytes with what the submission says of it.
+
+    Raises:
+        PolicyLoadError: it is a zip that unpacks to far more than it holds.
+    """
+    if hashlib.sha256(content).hexdigest() != file.sha256:
+        what = "its SHA-256 is not that of submission.toml"
+        problems.add(file.path, what, "name or put there the file that was evaluated")
+    kind = KIND_BY_SUFFIX.get(PurePosixPath(file.file).suffix)
+    if kind is not None and FORMATS[kind].is_zip:
+        check_zip(content, file.file)

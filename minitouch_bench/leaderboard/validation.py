@@ -16,20 +16,18 @@ from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
+    MAX_SUBMISSION_FILE,
+    RUN_LIMITS,
     SEE,
     CheckpointFile,
     Submission,
     TrainingSeed,
-    read_submission,
-)
-from minitouch_bench.leaderboard.submission_files import (
-    MAX_SUBMISSION_FILE,
-    RUN_LIMITS,
     check_checkpoints,
     check_content,
     check_files,
     list_files,
     read_plain,
+    read_submission,
 )
 from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, FORMATS, NOTES, Isolation
 from minitouch_bench.policies.sources import (

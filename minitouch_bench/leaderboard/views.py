@@ -1,11 +1,10 @@
-"""The tables of a board: one view per question, and the Markdown and CSV files of all of them.
+"""The tables of a board: one view per question, and the Markdown file of all of them.
 
 The site draws the same views; ``leaderboard.json`` is the board itself.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.board import (
@@ -27,18 +26,15 @@ from minitouch_bench.metrics.definitions import (
     metrics_shown_in,
 )
 from minitouch_bench.metrics.statistics import ALPHA
-from minitouch_bench.metrics.summary import GAP_PARTS
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES
+from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import (
     Cell,
     Column,
-    CsvRow,
     Table,
     escape_md,
-    rows_csv,
     table_lines,
 )
 
@@ -298,47 +294,3 @@ def _left_out(title: str, refusals: Sequence[LeftOut]) -> Iterator[str]:
         yield from (f"  - {escape_md(reason)}" for reason in refusal.reasons[:SHOWN_REASONS])
         if (more := len(refusal.reasons) - SHOWN_REASONS) > 0:
             yield f"  - and {more} more"
-
-
-# CSV
-
-CSV_COLUMNS = (
-    "name", "kind", *TABLE_COLUMNS, "suite", "task", "metric",
-    "value", "low", "high", "count", "interval", "rank", "worst_rank", "learned_seeds",
-)  # fmt: skip
-
-
-def board_csv(board: Board) -> str:
-    """Write a row per figure of a board; those that do not exist have no row."""
-    rows: list[CsvRow] = []
-    for row in board.rows:
-        kind = CALIBRATION if row.is_calibration else RANKED if row.is_ranked else UNRANKED
-        head = (row.name, kind, *(_csv_value(getattr(row, name)) for name in TABLE_COLUMNS))
-        rows += [(*head, *rest) for rest in _figures(row)]
-    for method in PAPER_METHODS:
-        head = (method, PAPER, *[None] * len(TABLE_COLUMNS))
-        for (task, metric), printed in labels.paper_values(method).items():
-            value = (float(printed.text), None, None, None, printed.remark)
-            rows.append((*head, "", task, metric, *value, None, None, None))
-    return rows_csv(CSV_COLUMNS, rows)
-
-
-def _csv_value(value: Any) -> object:
-    """Return a value: of words all, of several numbers how many there are."""
-    if not isinstance(value, tuple):
-        return value
-    return len(value) if value and isinstance(value[0], int) else " ".join(value)
-
-
-def _figures(row: BoardRow) -> Iterator[CsvRow]:
-    """Walk through a row's estimates, from the suite's name on."""
-    for task, figures in row.figures.items():
-        for metric, estimate in figures.items():
-            rank = row.ranks.get(task) if metric == RANKED_BY[task] else None
-            ranks = (rank.best, rank.worst) if rank else (None, None)
-            yield MAIN_SUITE, task, metric, *astuple(estimate), *ranks, row.learned.get(task)
-    for task, gap in row.novel_shapes.items():
-        for part, title in GAP_PARTS.items():
-            metric = f"{RANKED_BY[task]}, {title}"
-            values = astuple(getattr(gap, part))
-            yield NOVEL_SHAPES, task, metric, *values, None, None, row.learned.get(task)

@@ -122,7 +122,7 @@ def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
     assert done.out.splitlines()[-1] == "reports/leaderboard/index.html"
     assert "1 ranked, 0 of another protocol, 1 refused" in done.err
     names = {path.name for path in (root / "reports" / "leaderboard").iterdir()}
-    assert {"index.html", "leaderboard.md", "leaderboard.csv", "leaderboard.json"} <= names
+    assert {"index.html", "leaderboard.md", "leaderboard.json"} <= names
 
 
 def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):

@@ -11,6 +11,7 @@ from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json, write_toml
 from minitouch_bench.leaderboard.proof import (
     FreshProof,
+    FreshResult,
     Proof,
     ProofLevel,
     proof_path,
@@ -28,7 +29,6 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import make_plan, suite_episodes
 from minitouch_bench.runs.run import RunEnvironment, make_header, run_json
-from minitouch_bench.verification.fresh import FreshResult
 from tests.reporting.synthetic import Played, make_record, measured, with_fault
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"

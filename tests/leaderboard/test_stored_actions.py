@@ -8,7 +8,7 @@ import torch
 
 from minitouch_bench.episode import Role
 from minitouch_bench.evaluation.rollout import LocalEngine
-from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.proof import ProofLevel, fresh_seed
 from minitouch_bench.leaderboard.proving import Prover, prove
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -21,7 +21,6 @@ from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.verification.fresh import fresh_seed
 from tests.evaluation.runs import request as wanted_run
 from tests.evaluation.runs import run
 

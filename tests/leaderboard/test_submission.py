@@ -85,7 +85,7 @@ def test_the_published_schema_describes_what_is_written():
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *(("name", name) for name in ("../x", "x" * 65, "hac\n", "nul", "hac.html", "a..b", "Hac")),
+        *(("name", name) for name in ("../x", "x" * 65, "hac\n", "hac.html", "a..b", "Hac")),
         *(("paper", link) for link in ("http://example.org", "https://example.org/x\n")),
         ("paper", "https://user:pass@example.org/x"),
         *(("code", link) for link in ("https://localhost", "https://a.org/" + "x" * 300)),
@@ -109,8 +109,10 @@ def test_the_schema_refuses_what_the_reader_refuses(key, value):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *(("file", name) for name in ("CoN", "nul.onnx", "LPT1.onnx", "aux.tar.zip", "a:b.onnx")),
-        *(("file", name) for name in ("a.onnx.", "a.onnx ", "..onnx", "a.onnx\n", "../a", ".a")),
+        *(
+            ("file", name)
+            for name in ("a:b.onnx", "a.onnx.", "a.onnx ", "..onnx", "a.onnx\n", "../a", ".a")
+        ),
         ("sha256", "ab" * 32 + "\n"),
         ("task", "all\n"),
     ],
@@ -122,7 +124,7 @@ def test_a_checkpoint_s_entry_that_both_refuse(key, value):
     assert any(key in problem for problem in read(tomli_w.dumps(document))[1])
 
 
-@pytest.mark.parametrize("name", ["console", "nullary", "x.y", "a-1", "com10"])
+@pytest.mark.parametrize("name", ["nul", "x.y", "a-1"])
 def test_names_that_are_let_in(name):
     file = replace(SEEDS[0].checkpoints[1], file=f"{name}.ONNX")
     submission = replace(ABOUT, name=name, seeds=(replace(SEEDS[0], checkpoints=(file,)),))

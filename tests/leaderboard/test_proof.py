@@ -6,8 +6,8 @@ import pytest
 from scipy import stats
 
 from minitouch_bench.episode import Outcome, Role
-from minitouch_bench.verification import fresh
-from minitouch_bench.verification.fresh import (
+from minitouch_bench.leaderboard import proof
+from minitouch_bench.leaderboard.proof import (
     Values,
     compare_fresh,
     drop_together,
@@ -132,7 +132,7 @@ def test_honest_training_seeds_on_the_same_scenes_are_hardly_ever_refused(
     monkeypatch, rate, number, episodes
 ):
     """Three tasks, two policies; half of an official episode's variance is that of its scene."""
-    monkeypatch.setattr(fresh, "ORDERS", 1000)
+    monkeypatch.setattr(proof, "ORDERS", 1000)
     rng = np.random.default_rng(0)
 
     def play(task):
