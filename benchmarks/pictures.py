@@ -14,7 +14,8 @@ from minitouch_bench.evaluation.recording import film_episode
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")

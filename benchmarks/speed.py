@@ -18,7 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.simulation.client import pybullet
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 RELEASED_STEPS_PER_SECOND = {"playing": 15.0, "pushing": 14.9, "opening": 32.0, "pick-up": 13.7}
 """The released MiniTouch package on a machine of its own: for orientation, not a ratio."""

@@ -12,7 +12,7 @@ import pytest
 
 import minitouch_bench
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
-from minitouch_bench.tasks.environment import TASK_CLASSES
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 MODULES = sorted(
     module.name

@@ -52,7 +52,7 @@ from minitouch_bench.policies.policy import (
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import core_count, die_with
-from minitouch_bench.tasks.action import fit_action
+from minitouch_bench.protocol.spec import fit_action
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""

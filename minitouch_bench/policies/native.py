@@ -17,7 +17,7 @@ from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
 from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, PolicySource
-from minitouch_bench.tasks.action import ACTION_SIZES
+from minitouch_bench.protocol.spec import ACTION_SIZES
 
 METADATA_KEY = "minitouch"
 MAX_HEADER_BYTES = 2**20

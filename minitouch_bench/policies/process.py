@@ -36,7 +36,7 @@ from minitouch_bench.policies.policy import (
     zero_observation,
 )
 from minitouch_bench.policies.sources import read_again
-from minitouch_bench.tasks.action import fit_action
+from minitouch_bench.protocol.spec import fit_action
 
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""

@@ -27,7 +27,7 @@ from minitouch_bench.policies.policy import (
 )
 from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.tasks.action import ACTION_SIZES
+from minitouch_bench.protocol.spec import ACTION_SIZES
 
 ON_POLICY = "gae_lambda"
 """A setting of PPO and A2C alone."""

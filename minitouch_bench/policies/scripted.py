@@ -18,9 +18,7 @@ from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.shapegen.grips import plan_deep_grasp
 from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.opening import Opening
-from minitouch_bench.tasks.pick_up import PickUp
-from minitouch_bench.tasks.pushing import Pushing
+from minitouch_bench.tasks.task import Opening, PickUp, Pushing
 
 REACH_M = PROTOCOL.control.reach
 TABLE_TOP_M = PROTOCOL.physics.table_top

@@ -1,4 +1,4 @@
-"""The types of the protocol: everything that fixes an episode, as frozen values.
+"""The types of the protocol: everything that fixes an episode, as frozen values; valid actions.
 
 ``protocol.minitouch`` contains the values. Simulation and tasks receive them; no other file
 contains a number of the protocol. A digest is taken over a value's document, whose keys are the
@@ -17,7 +17,10 @@ from enum import StrEnum
 from functools import cache
 from typing import Any, TypeVar
 
-from minitouch_bench.errors import UsageError
+import numpy as np
+from numpy.typing import NDArray
+
+from minitouch_bench.errors import InvalidActionError, UsageError
 
 Rgba = tuple[float, float, float, float]
 
@@ -174,7 +177,7 @@ class ArmSpec:
 
     @property
     def action_size(self) -> int:
-        """4 numbers (dx, dy, dz, finger); 5 where the gripper can turn."""
+        """How many numbers an action has: see ``ACTION_SIZES``."""
         return 5 if self.faces_door else 4
 
 
@@ -319,3 +322,42 @@ def content_digest(content: Any) -> str:
     """Return the SHA-256 of what JSON can hold, whatever the order of its keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+ACTION_SIZES = (4, 5)
+"""Numbers in an action: dx, dy, dz, finger, and where the gripper can turn a fifth, the yaw."""
+
+FLOAT_BYTES = (2, 4, 8)
+"""Item sizes of the floating types that an action may come in."""
+
+
+def fit_action(raw: object, size: int) -> NDArray[np.float32]:
+    """Return an action as float32 (size,), unclipped.
+
+    A leading batch axis of 1 is dropped. One agent can serve every task: where ``size`` is 4,
+    the first 4 of 5 numbers are taken; where it is 5, the fifth is 0 if 4 are given.
+
+    Raises:
+        InvalidActionError: no floating-point vector of such a length, or not finite.
+    """
+    try:
+        action = np.asarray(raw)
+    except Exception as error:
+        raise InvalidActionError("the action is not an array of numbers") from error
+    if action.dtype.kind != "f" or action.dtype.itemsize not in FLOAT_BYTES:
+        raise InvalidActionError(f"the action is of type {action.dtype}, not floats")
+    if action.ndim == 2 and action.shape[0] == 1:
+        action = action[0]
+    if action.ndim != 1:
+        raise InvalidActionError(f"the action has shape {action.shape}, not ({size},)")
+    if len(action) not in ACTION_SIZES:
+        known = " or ".join(map(str, ACTION_SIZES))
+        raise InvalidActionError(f"the action has {len(action)} numbers, not {known}")
+    with np.errstate(over="ignore"):  # a float64 too large becomes infinite, and is refused below
+        single = action.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise InvalidActionError("the action contains NaN or infinity")
+    fitted = np.zeros(size, np.float32)
+    count = min(size, len(single))
+    fitted[:count] = single[:count]
+    return fitted

@@ -1,4 +1,4 @@
-"""The one table of tasks, and one Gymnasium environment for all of them."""
+"""One Gymnasium environment for all tasks."""
 
 from dataclasses import replace
 from typing import Any, NoReturn
@@ -14,7 +14,7 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.protocol.spec import CameraSpec
+from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
 from minitouch_bench.simulation.bodies import add_table, portrait_panda
 from minitouch_bench.simulation.client import PhysicsClient, View
@@ -29,22 +29,7 @@ from minitouch_bench.simulation.observation import (
     take_out,
 )
 from minitouch_bench.simulation.panda_arm import PandaArm, PandaKinematics
-from minitouch_bench.tasks.action import fit_action
-from minitouch_bench.tasks.opening import Opening
-from minitouch_bench.tasks.pick_up import PickUp
-from minitouch_bench.tasks.playing import Playing
-from minitouch_bench.tasks.pushing import Pushing
-from minitouch_bench.tasks.task import (
-    ObjectModel,
-    ObjectPool,
-    Task,
-)
-
-TASK_CLASSES: dict[str, type[Task]] = {
-    task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
-}
-"""Every task by its name on the command line."""
-
+from minitouch_bench.tasks.task import TASK_CLASSES, ObjectModel, ObjectPool, Task
 
 Info = dict[str, Any]
 

@@ -1,4 +1,4 @@
-"""What a task is: its facts, the rules of its scene, its objects; and what three tasks share."""
+"""What a task is: its facts, its scene, its objects; then the four tasks and the one table of them."""
 
 import math
 from abc import ABC, abstractmethod
@@ -11,7 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.protocol.minitouch import PROTOCOL, CubeSpec, TabletopSpec
+from minitouch_bench.protocol.minitouch import (
+    OPENING,
+    PICK_UP,
+    PLAYING,
+    PROTOCOL,
+    PUSHING,
+    CubeSpec,
+    OpeningSpec,
+    PickUpSpec,
+    PushingSpec,
+    TabletopSpec,
+)
 from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.shapegen.manifest import (
     Objects,
@@ -21,7 +32,13 @@ from minitouch_bench.shapegen.manifest import (
     choose_shapes,
 )
 from minitouch_bench.shapegen.mesh import Mesh, Quaternion, product, rotation_matrix
-from minitouch_bench.simulation.bodies import cube_urdf
+from minitouch_bench.simulation.bodies import (
+    DOOR_JOINT,
+    DOOR_LINK,
+    HANDLE_LINK,
+    cabinet_urdf,
+    cube_urdf,
+)
 from minitouch_bench.simulation.client import Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
 
@@ -110,6 +127,9 @@ def shape_model(shape: Shape) -> ObjectModel:
     return ObjectModel(shape.name, shape.urdf, pose.quaternion, pose.height, body.visual, corners)
 
 
+Position = tuple[float, float]
+"""x, y (m) on the table."""
+
 START_XY = (0.700, -0.029)
 """Where the end effector of ``POINTING_DOWN`` starts (m), at a height of 0.039 m."""
 
@@ -170,8 +190,8 @@ class TabletopTask(Task):
     spec: ClassVar[TabletopSpec]
     model: ObjectModel
     """The object of this episode."""
-    position: tuple[float, float]
-    """Where it is put: x, y (m)."""
+    position: Position
+    """Where it is put."""
     yaw: float
     """How it is turned (rad)."""
 
@@ -201,9 +221,7 @@ class TabletopTask(Task):
         return np.array(client.pose(self.target_body).position)
 
 
-def draw_position(
-    workspace: Workspace, rng: np.random.Generator, margin: float
-) -> tuple[float, float]:
+def draw_position(workspace: Workspace, rng: np.random.Generator, margin: float) -> Position:
     """Return a uniform position (m) at least ``margin`` from the four sides."""
     x = rng.uniform(workspace.low[0] + margin, workspace.high[0] - margin)
     y = rng.uniform(workspace.low[1] + margin, workspace.high[1] - margin)
@@ -213,3 +231,125 @@ def draw_position(
 def draw_yaw(rng: np.random.Generator, model: ObjectModel) -> float:
     """Return a random yaw (rad) for a shape; the tasks' own cubes lie square."""
     return 0.0 if model.name == CUBE else float(rng.uniform(0.0, 2.0 * math.pi))
+
+
+class Playing(TabletopTask):
+    """A heavy cube at a random position."""
+
+    spec: ClassVar[TabletopSpec] = PLAYING
+
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return None: only the step limit ends this task."""
+        return None
+
+
+class Pushing(TabletopTask):
+    """A heavy cube near its target."""
+
+    spec: ClassVar[PushingSpec] = PUSHING
+
+    target: Position
+    """Where the object is to go."""
+
+    @property
+    def visible_bodies(self) -> tuple[int, ...]:
+        """The object and the target."""
+        return self.target_body, self._marker
+
+    def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
+        """Draw the target, the object around it, and the end effector around the object."""
+        workspace = self.spec.workspace
+        self.model = model or self.own_object()
+        self.target = draw_position(workspace, rng, self.spec.target_margin)
+        self.position = _draw_around(rng, self.target, self.spec.cube_distance)
+        while not workspace.holds(*self._behind()):
+            self.position = _draw_around(rng, self.target, self.spec.cube_distance)
+        self._start = _draw_around(rng, self.position, self.spec.hand_distance)
+        while not workspace.holds(*self._start):
+            self._start = _draw_around(rng, self.position, self.spec.hand_distance)
+        self.yaw = draw_yaw(rng, self.model)
+
+    def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
+        """Add the target."""
+        half = self.spec.cube.side / 2
+        height = PROTOCOL.physics.table_top + half
+        color = PROTOCOL.observation.target_color
+        self._marker = client.add_ghost_box((half,) * 3, (*self.target, height), color)
+        return ((self._marker, -1),)
+
+    def place_arm(self, arm: PandaArm) -> None:
+        """Move the end effector to its start."""
+        arm.place((*self._start, self.spec.start_height))
+
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return success near the target, a failure outside the workspace."""
+        x, y, _ = client.pose(self.target_body).position
+        if math.dist((x, y), self.target) < self.spec.success_distance:
+            return Outcome.SUCCESS
+        return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
+
+    def _behind(self) -> Position:
+        """Return the position behind the object from which it is pushed to the target."""
+        x, y = self.position
+        scale = self.spec.push_clearance / math.dist(self.position, self.target)
+        return x + scale * (x - self.target[0]), y + scale * (y - self.target[1])
+
+
+def _draw_around(
+    rng: np.random.Generator, center: Position, distances: tuple[float, float]
+) -> Position:
+    """Draw a position around another, uniform in angle and distance."""
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    distance = rng.uniform(*distances)
+    return center[0] + distance * math.cos(angle), center[1] + distance * math.sin(angle)
+
+
+class Opening(Task):
+    """A cabinet with one hinged door at a random position in reach."""
+
+    spec: ClassVar[OpeningSpec] = OPENING
+    target_links = (DOOR_LINK, HANDLE_LINK)
+
+    position: tuple[float, float]
+    """Where the cabinet stands: x of its front and y of its middle (m)."""
+
+    def draw(self, rng: np.random.Generator, model: ObjectModel | None) -> None:
+        """Draw the position of the cabinet."""
+        self.position = rng.uniform(*self.spec.front), rng.uniform(*self.spec.middle)
+
+    def add_scenery(self, client: PhysicsClient) -> tuple[Part, ...]:
+        """Add the cabinet; its body never moves."""
+        cabinet = self.spec.cabinet
+        floor = (*self.position, PROTOCOL.physics.table_top)
+        self.target_body = client.load_urdf(cabinet_urdf(cabinet), floor, fixed=True)
+        client.set_joint_friction(self.target_body, DOOR_JOINT, cabinet.hinge_friction)
+        return ((self.target_body, -1),)
+
+    def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
+        """Return the door's angle, float64 (1,) in rad."""
+        return np.array(client.joint_positions(self.target_body, [DOOR_JOINT]))
+
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return success at 30 degrees."""
+        opened = self.object_state(client)[0] >= self.spec.success_angle
+        return Outcome.SUCCESS if opened else None
+
+
+class PickUp(TabletopTask):
+    """An object of a shape set, lying still."""
+
+    spec: ClassVar[PickUpSpec] = PICK_UP
+
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return success at 5 cm above the table, a failure outside the workspace."""
+        lowest = self.model.lowest_point(client, self.target_body)
+        if lowest - PROTOCOL.physics.table_top >= self.spec.lift:
+            return Outcome.SUCCESS
+        x, y, _ = client.pose(self.target_body).position
+        return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
+
+
+TASK_CLASSES: dict[str, type[Task]] = {
+    task.spec.name: task for task in (Playing, Pushing, Opening, PickUp)
+}
+"""Every task by its name on the command line."""

@@ -29,7 +29,8 @@ from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import make_plan, suite_episodes
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.client import BUILDS
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 EPISODES_PER_TASK = 2
 STEPS = 25

@@ -9,7 +9,8 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 from tests.evaluation.runs import request
 
 SPECS = {spec.task: spec for spec in suite_episodes(PROTOCOL.suite("smoke"))}

@@ -4,7 +4,7 @@ import pytest
 from minitouch_bench.policies.policy import action_size, load_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-from minitouch_bench.tasks.action import fit_action
+from minitouch_bench.protocol.spec import fit_action
 
 
 @pytest.mark.parametrize("name", ["random", "zero"])

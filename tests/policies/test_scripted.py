@@ -10,7 +10,8 @@ from minitouch_bench.policies.scripted import CONTROLLERS, ScriptedPolicy, make_
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.plan import suite_episodes
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 TOUCH_SHARE = 0.95
 """Least share of Playing's control steps in which the scripted policy touches the cube."""

@@ -13,7 +13,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaArm,
     PandaKinematics,
 )
-from minitouch_bench.tasks.environment import TASK_CLASSES
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 

@@ -2,7 +2,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 
 @pytest.fixture(scope="session")

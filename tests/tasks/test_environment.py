@@ -19,8 +19,8 @@ from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
 from minitouch_bench.simulation.observation import GrayCamera
-from minitouch_bench.tasks.environment import OUTCOMES, SHADE, TASK_CLASSES, MiniTouchEnv
-from minitouch_bench.tasks.task import TabletopTask
+from minitouch_bench.tasks.environment import OUTCOMES, SHADE, MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES, TabletopTask
 from tests.tasks.playback import digest, play, random_actions
 
 ROOT = Path(__file__).parents[2]

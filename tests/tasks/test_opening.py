@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.protocol.minitouch import OPENING
 from minitouch_bench.simulation.bodies import DOOR_JOINT
-from minitouch_bench.tasks.opening import Opening
+from minitouch_bench.tasks.task import Opening
 
 CABINET, WORKSPACE = OPENING.cabinet, OPENING.workspace
 

@@ -6,8 +6,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PICK_UP, PROTOCOL
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
-from minitouch_bench.tasks.pick_up import PickUp
-from minitouch_bench.tasks.task import START_XY
+from minitouch_bench.tasks.task import START_XY, PickUp
 
 TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PICK_UP.workspace
 

@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from minitouch_bench.tasks.playing import Playing
-from minitouch_bench.tasks.task import START_XY
+from minitouch_bench.tasks.task import START_XY, Playing
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.protocol.minitouch import PROTOCOL, PUSHING
 from minitouch_bench.tasks.environment import OUTCOMES
-from minitouch_bench.tasks.pushing import Pushing
+from minitouch_bench.tasks.task import Pushing
 
 TABLE_TOP_M, WORKSPACE = PROTOCOL.physics.table_top, PUSHING.workspace
 

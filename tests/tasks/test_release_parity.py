@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES
 
 TRACES = np.load(Path(__file__).parents[1] / "data" / "release_traces.npz")
 COLUMNS = list(TRACES["columns"])

@@ -7,8 +7,8 @@ from minitouch_bench.protocol.spec import Workspace
 from minitouch_bench.shapegen.manifest import canonical_shape_set, choose_shapes, load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks import task as task_module
-from minitouch_bench.tasks.environment import TASK_CLASSES, MiniTouchEnv
-from minitouch_bench.tasks.task import ObjectPool, cube_model, draw_position
+from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.tasks.task import TASK_CLASSES, ObjectPool, cube_model, draw_position
 from tests.shapegen.conftest import subset
 
 CUBE = cube_model(CubeSpec(0.05, 1.0))

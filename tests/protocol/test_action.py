@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import InvalidActionError
-from minitouch_bench.tasks.action import fit_action
+from minitouch_bench.protocol.spec import fit_action
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, ">f8"])
