@@ -23,6 +23,7 @@
         └── UnreadableFileError         a file of it cannot be read as one
 """
 
+import re
 import unicodedata
 
 CHECK_FAILED = 1
@@ -152,3 +153,27 @@ def _character(character: str) -> str:
     if character in UNSEEN_CHARACTERS or unicodedata.category(character).startswith("C"):
         return ""
     return character
+
+
+MAX_TEXT = 200
+"""Characters kept of any text that comes from a policy."""
+
+ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?|.)")
+
+
+def plain_line(text: str, longest: int = MAX_TEXT) -> str:
+    """Return a policy's text as one printable line of at most ``longest`` characters."""
+    text = ANSI_SEQUENCE.sub("", text[: 16 * longest])
+    kept = (" " if unicodedata.category(c)[0] in "CZ" else c for c in text)
+    line = " ".join("".join(kept).split())
+    return line if len(line) <= longest else line[: longest - 1] + "…"
+
+
+def describe(error: BaseException) -> str:
+    """Return an exception as ``Type: message``, in one plain line."""
+    try:
+        message = str(error)
+    except Exception:  # an exception of the policy's own can fail here too
+        message = ""
+    name = type(error).__name__
+    return plain_line(f"{name}: {message}" if message else name)

@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
-from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.errors import InfrastructureError, UsageError, plain_line
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
@@ -28,7 +28,6 @@ from minitouch_bench.files import cache_file
 from minitouch_bench.machine import compare_versions, require
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import read_again
-from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held
 from minitouch_bench.protocol.minitouch import PROTOCOL
 

@@ -35,6 +35,7 @@ from minitouch_bench.errors import (
     MiniTouchError,
     PolicyLoadError,
     PolicyRaisedError,
+    describe,
 )
 from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies import wire
@@ -179,9 +180,7 @@ def _import_format(kind: str) -> None:
     except MiniTouchError:
         raise
     except Exception as error:  # an installed package that does not import
-        raise PolicyLoadError(
-            f"cannot read {kind} policies here: {wire.describe(error)}"
-        ) from error
+        raise PolicyLoadError(f"cannot read {kind} policies here: {describe(error)}") from error
     if "torch" in sys.modules:  # sums differ in their last bits between one and two threads
         sys.modules["torch"].set_num_threads(1)
     gc.collect()
@@ -220,7 +219,7 @@ def _confine(sandbox: Sandbox | None, channel: int) -> bool:
         if sandbox is not None:
             sandbox.enter((channel,))
     except OSError as error:
-        wire.write_frame(channel, wire.Frame.UNCONFINED, wire.describe(error).encode())
+        wire.write_frame(channel, wire.Frame.UNCONFINED, describe(error).encode())
         return False
     wire.write_frame(channel, wire.Frame.CONFINED)
     return True
@@ -256,7 +255,7 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
                 kind = wire.Frame.INVALID
             # Our own words need no type before them.
             plain = kind is not wire.Frame.RAISED or isinstance(error, PolicyRaisedError)
-            answer = (str(error) if plain else wire.describe(error)).encode(errors="replace")
+            answer = (str(error) if plain else describe(error)).encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
 

@@ -16,6 +16,7 @@ from minitouch_bench.policies.policy import (
     TOUCH_SHAPE,
     Observation,
     PolicySource,
+    fits_shape,
 )
 from minitouch_bench.policies.sources import check_bytes
 
@@ -106,10 +107,7 @@ def check_model(onnx: Any, model: Any, target: str) -> None:
     for name, shape in INPUT_SHAPES.items():
         tensor_type = inputs[name].type.tensor_type
         axes = [axis.dim_value or None for axis in tensor_type.shape.dim]
-        fits = len(axes) == len(shape) and all(
-            axis in (None, length) for axis, length in zip(axes, shape, strict=True)
-        )
-        if tensor_type.elem_type != types[name] or not fits:
+        if tensor_type.elem_type != types[name] or not fits_shape(axes, shape):
             wanted = "uint8" if name == "image" else "float32"
             raise PolicyLoadError(f"{target}: input '{name}' is not {wanted} {shape}")
     outputs = [value.name for value in model.graph.output]

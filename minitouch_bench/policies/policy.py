@@ -1,7 +1,7 @@
 """What a policy is, how it is isolated, and the one table of the formats that it comes in."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
@@ -115,6 +115,14 @@ class PolicySource:
         return PolicyIdentity(self.name, address, self.kind, self.digest, notes)
 
 
+def fits_shape(axes: Sequence[object], wanted: tuple[int, ...]) -> bool:
+    """Tell whether a file's shape, in which a free axis is not a number, can be the wanted one."""
+    return len(axes) == len(wanted) and all(
+        not isinstance(axis, int) or axis == length
+        for axis, length in zip(axes, wanted, strict=True)
+    )
+
+
 def action_size(task: str) -> int:
     """Return how many numbers an action of the task has."""
     return PROTOCOL.task(task).action_size
@@ -214,14 +222,15 @@ FORMATS: Mapping[str, Format] = {
         "minitouch_bench.policies.native:load_native", (".safetensors",), computes_with="torch"
     ),
     "torch.export": Format(
-        "minitouch_bench.policies.exported:load_exported",
+        "minitouch_bench.policies.torch_programs:load_exported",
         (".pt2",),
+        (("torch.export.pt2_archive._package", "all"),),
         computes_with="torch",
         runs_code=True,
         is_zip=True,
     ),
     "torchscript": Format(
-        "minitouch_bench.policies.torchscript:load_torchscript",
+        "minitouch_bench.policies.torch_programs:load_torchscript",
         (".pt", ".ts"),
         computes_with="torch",
         runs_code=True,
@@ -304,7 +313,7 @@ def load_policy(source: PolicySource) -> Policy:
     except MiniTouchError:
         raise
     except Exception as error:  # whatever a foreign reader raises means: not loadable
-        from minitouch_bench.policies.wire import describe  # noqa: PLC0415  it imports numpy
+        from minitouch_bench.errors import describe  # noqa: PLC0415  it imports numpy
 
         raise PolicyLoadError(
             f"{source.target} is not a readable {source.kind} policy: {describe(error)}"

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.connection import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.policies.forkserver import seed_everything
 from minitouch_bench.policies.policy import (
     FORMATS,
@@ -36,6 +35,7 @@ from minitouch_bench.policies.policy import (
     zero_observation,
 )
 from minitouch_bench.policies.sources import read_again
+from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.protocol.spec import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -170,7 +170,7 @@ class PolicyProcess:
             kind, payload = self._channel.receive(deadline)
             if kind is wire.Frame.CONFINED:
                 return
-            text = wire.plain_line(payload.decode(errors="replace"))
+            text = errors.plain_line(payload.decode(errors="replace"))
         self._stop(0.0)
         raise errors.InfrastructureError(
             f"the policy's process could not enter its sandbox: {text}"
@@ -182,7 +182,7 @@ class PolicyProcess:
             answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
-        self.warning = wire.plain_line(answer.decode(errors="replace"), 2 * wire.MAX_TEXT)
+        self.warning = errors.plain_line(answer.decode(errors="replace"), 2 * errors.MAX_TEXT)
 
     def _ask(
         self, request: wire.Frame, question: bytes, wanted: wire.Frame, deadline: float, late: str
@@ -212,7 +212,9 @@ class PolicyProcess:
         return payload
 
     def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
-        text = wire.plain_line(payload.decode(errors="replace"), wire.MAX_TEXT + len(self._target))
+        text = errors.plain_line(
+            payload.decode(errors="replace"), errors.MAX_TEXT + len(self._target)
+        )
         if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
             self._stop(0.0)
             raise errors.PolicyLoadError(text)
@@ -309,7 +311,7 @@ class InProcessPolicy:
         try:
             self._policy.reset(seed, task)
         except Exception as error:
-            raise errors.PolicyRaisedError(wire.describe(error)) from error
+            raise errors.PolicyRaisedError(errors.describe(error)) from error
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
@@ -320,7 +322,7 @@ class InProcessPolicy:
         except errors.MiniTouchError:
             raise
         except Exception as error:
-            raise errors.PolicyRaisedError(wire.describe(error)) from error
+            raise errors.PolicyRaisedError(errors.describe(error)) from error
         return fit_action(raw, self._size)
 
     def close(self) -> None:

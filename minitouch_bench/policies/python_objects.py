@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import PolicyLoadError, describe
 from minitouch_bench.machine import look_up
 from minitouch_bench.policies.policy import (
     Observation,
@@ -29,7 +29,6 @@ from minitouch_bench.policies.policy import (
     action_size,
     close_policy,
 )
-from minitouch_bench.policies.wire import describe
 
 
 def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
@@ -117,9 +116,15 @@ def load_object(source: PolicySource) -> Policy:
         from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
 
         return Sb3Policy(policy, source.deterministic)
-    from minitouch_bench.policies.torchscript import TorchScriptPolicy  # noqa: PLC0415
+    from torch.jit import ScriptModule  # noqa: PLC0415
 
-    return TorchScriptPolicy(policy)
+    from minitouch_bench.policies.torch_programs import (  # noqa: PLC0415
+        ModulePolicy,
+        find_script_memory,
+    )
+
+    is_script = isinstance(policy, ScriptModule)
+    return ModulePolicy(policy, find_script_memory(policy) if is_script else "")
 
 
 def _without_training(policy: object) -> object:

@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
-from minitouch_bench.policies import kernel, seccomp
-from minitouch_bench.policies.seccomp import ARCHITECTURES, NEITHER_READ_NOR_WRITE
+from minitouch_bench.policies import kernel
+from minitouch_bench.policies.kernel import ARCHITECTURES, NEITHER_READ_NOR_WRITE
 from minitouch_bench.processes import ARITHMETIC, die_with
 
 SYSTEM = (
@@ -170,7 +170,8 @@ class Sandbox:
         kernel.drop_capabilities(self.machine)
         kernel.restrict_self(self.ruleset, self.abi)
         os.close(self.ruleset)
-        seccomp.install(seccomp.make_filter(self.machine, os.getpid(), threads=self.threads))
+        program = kernel.make_filter(self.machine, os.getpid(), threads=self.threads)
+        kernel.install_filter(program)
 
 
 def prepare(

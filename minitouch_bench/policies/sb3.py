@@ -16,7 +16,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import PolicyLoadError, plain_line
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
@@ -25,7 +25,6 @@ from minitouch_bench.policies.policy import (
     PolicySource,
     zero_observation,
 )
-from minitouch_bench.policies.wire import plain_line
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ACTION_SIZES
 

@@ -26,15 +26,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, describe, plain_line
 from minitouch_bench.policies.policy import Observation, Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
 from minitouch_bench.policies.wire import (
     OBSERVATION_BYTES,
     WireError,
-    describe,
     pack_observation,
-    plain_line,
     unpack_observation,
 )
 

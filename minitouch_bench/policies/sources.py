@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError
+from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, describe
 from minitouch_bench.files import (
     CHECKPOINTS,
     ENTRY_MARK,
@@ -31,7 +31,6 @@ from minitouch_bench.policies.policy import (
     KIND_BY_SUFFIX,
     PolicySource,
 )
-from minitouch_bench.policies.wire import describe
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"

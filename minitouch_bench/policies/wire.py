@@ -1,12 +1,17 @@
-"""The bytes between the evaluation and a policy's process: packets, numbers, plain text.
+"""Between the evaluation and a policy's process: packets, and the evaluation's ends of them.
 
 A packet of the kernel's (``SOCK_SEQPACKET``) is one byte of kind, and the payload. Nothing is
 pickled: an answer is read by the trusted side as numbers and text only.
 """
 
+import contextlib
 import os
-import re
-import unicodedata
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -14,24 +19,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.errors import plain_line
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
     TOUCH_SHAPE,
+    Isolation,
     IsolationOptions,
     Observation,
     PolicySource,
 )
+from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
+from minitouch_bench.processes import watch
 
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""
 
-MAX_TEXT = 200
-"""Characters kept of any text that comes from a policy."""
-
 IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
 OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
-
-ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?|.)")
 
 
 class StartOrder(msgspec.Struct, frozen=True, tag=True):
@@ -75,24 +79,6 @@ class Frame(IntEnum):
 
 class WireError(Exception):
     """Bytes that are not of this protocol."""
-
-
-def plain_line(text: str, longest: int = MAX_TEXT) -> str:
-    """Return a policy's text as one printable line of at most ``longest`` characters."""
-    text = ANSI_SEQUENCE.sub("", text[: 16 * longest])
-    kept = (" " if unicodedata.category(c)[0] in "CZ" else c for c in text)
-    line = " ".join("".join(kept).split())
-    return line if len(line) <= longest else line[: longest - 1] + "…"
-
-
-def describe(error: BaseException) -> str:
-    """Return an exception as ``Type: message``, in one plain line."""
-    try:
-        message = str(error)
-    except Exception:  # an exception of the policy's own can fail here too
-        message = ""
-    name = type(error).__name__
-    return plain_line(f"{name}: {message}" if message else name)
 
 
 def pack_frame(kind: Frame, payload: bytes = b"") -> bytes:
@@ -173,3 +159,233 @@ def unpack_action(payload: bytes, size: int) -> NDArray[np.float32]:
     if len(payload) != 4 * size:
         raise WireError(f"an action of {len(payload)} bytes, not {4 * size}")
     return np.frombuffer(payload, "<f4").astype(np.float32)
+
+
+KEPT_OUTPUT = 4096
+"""Bytes kept of what a process prints, the last ones."""
+
+DRAIN_CHUNK = 64 * 1024
+MAX_DRAIN = 2**20
+"""Most bytes taken at once from a process that never stops printing."""
+
+CLOSE_S = 2.0
+"""Time in which a host must end by itself once its orders have ended."""
+
+
+class OutputPipe:
+    """The reading end of a pipe that is a process's standard output and standard error."""
+
+    def __init__(self) -> None:
+        self._reader, self.writer = os.pipe()
+        os.set_blocking(self._reader, False)
+        self._tail = b""
+
+    def fileno(self) -> int:
+        """Return the descriptor to read from."""
+        return self._reader
+
+    def take(self) -> int:
+        """Read what there is to read, keep its end and return its length; 0 at the end."""
+        try:
+            part = os.read(self._reader, DRAIN_CHUNK)
+        except BlockingIOError:
+            return 0
+        self._tail = (self._tail + part)[-KEPT_OUTPUT:]
+        return len(part)
+
+    def last_line(self) -> str:
+        """Return the last line that was printed, made plain."""
+        taken = 0
+        while taken < MAX_DRAIN and (count := self.take()):
+            taken += count
+        lines = self._tail.decode(errors="replace").splitlines()
+        plain = (plain_line(line) for line in reversed(lines))
+        return next((line for line in plain if line), "")
+
+    def close_writer(self) -> None:
+        """Close our copy of the writing end, once the process has its own."""
+        if self.writer >= 0:
+            os.close(self.writer)
+            self.writer = -1
+
+    def close(self) -> None:
+        """Close both ends."""
+        self.close_writer()
+        os.close(self._reader)
+
+
+def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bool:
+    """Wait for a descriptor until a ``time.monotonic`` deadline, taking output; False if late."""
+    poll = select.poll()
+    poll.register(output, select.POLLIN)
+    for descriptor in readable:
+        poll.register(descriptor, select.POLLIN)
+    while True:
+        left = deadline - time.monotonic()
+        if left <= 0:
+            return False
+        ready = {number for number, _ in poll.poll(left * 1000)}
+        if ready - {output.fileno()}:
+            return True
+        if ready and not output.take():
+            poll.unregister(output)
+
+
+def _packet_pair() -> tuple[socket.socket, socket.socket]:
+    """Return two connected sockets that keep the bounds of what is sent."""
+    try:
+        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    except OSError:  # macOS: a stream, on which both sides take turns, holds one packet at a time
+        pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+        for one in pair:
+            for size in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+                one.setsockopt(socket.SOL_SOCKET, size, 4 * MAX_PAYLOAD)
+        return pair
+
+
+class EpisodeChannel:
+    """Packets to and from a watched child, an answer to each request, and the pipe it prints to."""
+
+    def __init__(self) -> None:
+        self.output = OutputPipe()
+        self._ours, self._theirs = _packet_pair()
+        self._ours.setblocking(False)
+        self.descriptors = (self._theirs.fileno(), self.output.writer)
+        self._process = -1
+
+    def hand_over(self) -> None:
+        """Close our copies of the child's ends, once they were sent to it."""
+        self._theirs.close()
+        self.output.close_writer()
+
+    def watch(self, pid: int) -> None:
+        """Note which process is at the other end; the host reaps it when it is stopped."""
+        self._process = watch(pid)
+
+    def ask(self, kind: Frame, payload: bytes, deadline: float) -> tuple[Frame, bytes]:
+        """Send a request and return the answer.
+
+        Raises:
+            TimeoutError: not answered in time.
+            EOFError: the child ended, or closed its end.
+            WireError: not a packet of this protocol, or one that came before the request.
+        """
+        if self._take():
+            raise WireError("it answered before it was asked")
+        with contextlib.suppress(ConnectionError):  # if it has ended, no answer comes
+            try:
+                self._ours.send(pack_frame(kind, payload))
+            except BlockingIOError:
+                raise WireError("it does not read its requests") from None
+        return self.receive(deadline)
+
+    def receive(self, deadline: float) -> tuple[Frame, bytes]:
+        """Return the next packet of the child; raises what ``ask`` does."""
+        if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
+            raise TimeoutError
+        packet = self._take()
+        if not packet:
+            raise EOFError
+        return unpack_frame(packet)
+
+    def hang_up(self) -> None:
+        """Close all but the output; a child that lives reads the end of its requests."""
+        self._ours.close()
+        if self._process >= 0:
+            os.close(self._process)
+            self._process = -1
+
+    def close(self) -> None:
+        """Close all."""
+        self.hang_up()
+        self.output.close()
+
+    def _take(self) -> bytes:
+        """Return the packet that is there, empty where there is none or no more can come."""
+        try:
+            packet, _, flags, _ = self._ours.recvmsg(1 + MAX_PAYLOAD)
+        except (BlockingIOError, ConnectionError):
+            return b""
+        if flags & socket.MSG_TRUNC:
+            raise WireError(f"a packet of more than {MAX_PAYLOAD} bytes")
+        return packet
+
+
+def _environment(isolation: Isolation) -> dict[str, str]:
+    """Return a host's environment, in the sandbox without what a policy must not learn."""
+    sandboxed = isolation is Isolation.SANDBOX
+    kept = {
+        name: value for name, value in os.environ.items() if not sandboxed or name in HOST_VARIABLES
+    }
+    return {**kept, **HOST_SETTINGS}
+
+
+class HostGoneError(Exception):
+    """The host process ended or does not answer."""
+
+
+class HostConnection:
+    """A running host; the kernel kills it when the thread that made it ends."""
+
+    def __init__(self, isolation: Isolation) -> None:
+        ours, theirs = _packet_pair()
+        self._output = OutputPipe()
+        self._control = ours
+        self._in_order = False
+        command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.forkserver"]
+        with theirs:
+            self._process = subprocess.Popen(
+                [*command, str(theirs.fileno()), str(os.getpid())],
+                stdin=subprocess.DEVNULL,
+                stdout=self._output.writer,
+                stderr=self._output.writer,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,  # Ctrl-C on a terminal is the evaluation's to handle
+                env=_environment(isolation),
+            )
+        self._output.close_writer()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the host."""
+        return self._process.pid
+
+    def order(
+        self, order: Order, timeout_s: float, descriptors: Sequence[int] = ()
+    ) -> dict[str, Any]:
+        """Send an order, with file descriptors if it has any, and return the answer.
+
+        Raises:
+            HostGoneError: the host is gone, or silent for so long, or an earlier order was
+                broken off, so that its answer would be taken for this one's.
+        """
+        if self._in_order:
+            raise HostGoneError("an earlier order was broken off")
+        self._in_order = True
+        try:
+            socket.send_fds(self._control, [msgspec.json.encode(order)], descriptors)
+            deadline = time.monotonic() + timeout_s
+            if not wait_for((self._control.fileno(),), self._output, deadline):
+                raise HostGoneError(f"no answer within {timeout_s:g} s")
+            packet = self._control.recv(MAX_PAYLOAD)
+        except OSError as error:
+            raise HostGoneError(str(error)) from error
+        if not packet:
+            raise HostGoneError("it ended")
+        self._in_order = False
+        answer: dict[str, Any] = msgspec.json.decode(packet)
+        return answer
+
+    def last_line(self) -> str:
+        """Return the last line the host printed, made plain."""
+        return self._output.last_line()
+
+    def close(self) -> None:
+        """End the host and every process it forked."""
+        self._control.close()
+        try:
+            self._process.wait(CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._output.close()

@@ -1,4 +1,4 @@
-"""What a task is: its facts, its scene, its objects; then the four tasks and the one table of them."""
+"""What a task is: its facts, its scene, its objects; the four tasks, and the table of them."""
 
 import math
 from abc import ABC, abstractmethod

@@ -24,7 +24,6 @@ from minitouch_bench.errors import (
     PolicyTimeoutError,
 )
 from minitouch_bench.perturbation import PolicyLimits
-from minitouch_bench.policies.connection import EpisodeChannel, HostConnection
 from minitouch_bench.policies.policy import (
     Isolation,
     IsolationOptions,
@@ -32,7 +31,13 @@ from minitouch_bench.policies.policy import (
 )
 from minitouch_bench.policies.process import PolicyProcess, try_policy
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame, WireError
+from minitouch_bench.policies.wire import (
+    MAX_PAYLOAD,
+    EpisodeChannel,
+    Frame,
+    HostConnection,
+    WireError,
+)
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 

@@ -3,14 +3,13 @@ import socket
 import numpy as np
 import pytest
 
+from minitouch_bench.errors import describe, plain_line
 from minitouch_bench.policies.wire import (
     MAX_PAYLOAD,
     Frame,
     WireError,
-    describe,
     pack_action,
     pack_observation,
-    plain_line,
     read_frame,
     unpack_action,
     unpack_frame,

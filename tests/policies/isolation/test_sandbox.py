@@ -22,13 +22,13 @@ ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
 
 WITHOUT = """
 import errno, os, struct, sys
-from minitouch_bench.policies import kernel, seccomp
+from minitouch_bench.policies import kernel
 denied, argument = int(sys.argv[1]), int(sys.argv[2])
 kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
-seccomp.install([
-    (seccomp.LOAD, 0, 0, 0), (seccomp.IF_EQUAL, 1, 0, denied), (seccomp.RETURN, 0, 0, 0x7FFF0000),
-    (seccomp.LOAD, 0, 0, 16), (seccomp.IF_EQUAL, 0, 1, argument),
-    (seccomp.RETURN, 0, 0, seccomp.ERRNO | errno.EINVAL), (seccomp.RETURN, 0, 0, 0x7FFF0000),
+kernel.install_filter([
+    (kernel.LOAD, 0, 0, 0), (kernel.IF_EQUAL, 1, 0, denied), (kernel.RETURN, 0, 0, 0x7FFF0000),
+    (kernel.LOAD, 0, 0, 16), (kernel.IF_EQUAL, 0, 1, argument),
+    (kernel.RETURN, 0, 0, kernel.ERRNO | errno.EINVAL), (kernel.RETURN, 0, 0, 0x7FFF0000),
 ])
 os.execv(sys.executable, [sys.executable, "-m", "minitouch_bench", *sys.argv[3:]])
 """
@@ -52,7 +52,7 @@ def test_the_sandbox_holds_on_this_machine():
 @pytest.mark.parametrize("deed", sandbox.ESCAPES)
 def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
     made = sandbox.prepare(ROOMY)
-    monkeypatch.setattr(sandbox.seccomp, "install", lambda program: None)
+    monkeypatch.setattr(sandbox.kernel, "install_filter", lambda program: None)
     monkeypatch.setattr(kernel, "restrict_self", lambda ruleset, abi: None)
     monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda: None})
     with pytest.raises(IsolationError, match=f"a process in it can {deed}"):

@@ -6,12 +6,12 @@ import struct
 
 import pytest
 
-from minitouch_bench.policies import seccomp
-from minitouch_bench.policies.seccomp import ALLOWED, ARCHITECTURES, JUDGED
+from minitouch_bench.policies import kernel
+from minitouch_bench.policies.kernel import ALLOWED, ARCHITECTURES, JUDGED
 
 PID = 4321
-DENIED = seccomp.ERRNO | errno.EPERM
-ABSENT = seccomp.ERRNO | errno.ENOSYS
+DENIED = kernel.ERRNO | errno.EPERM
+ABSENT = kernel.ERRNO | errno.ENOSYS
 FORBIDDEN = {
     "socket": (41, 198), "connect": (42, 203), "execve": (59, 221), "execveat": (322, 281),
     "ptrace": (101, 117), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271),
@@ -36,20 +36,20 @@ def decide(program, number, arguments=(), architecture=0xC000003E):
     accumulator, at = 0, 0
     while True:
         code, if_true, if_false, constant = program[at]
-        if code == seccomp.RETURN:
+        if code == kernel.RETURN:
             return constant
-        if code == seccomp.LOAD:
+        if code == kernel.LOAD:
             (accumulator,) = struct.unpack_from("<I", data, constant)
             at += 1
             continue
-        if code == seccomp.AND:
+        if code == kernel.AND:
             accumulator &= constant
             at += 1
             continue
         holds = {
-            seccomp.IF_EQUAL: accumulator == constant,
-            seccomp.IF_AT_LEAST: accumulator >= constant,
-            seccomp.IF_ANY_BIT: bool(accumulator & constant),
+            kernel.IF_EQUAL: accumulator == constant,
+            kernel.IF_AT_LEAST: accumulator >= constant,
+            kernel.IF_ANY_BIT: bool(accumulator & constant),
         }[code]
         at += 1 + (if_true if holds else if_false)
 
@@ -58,12 +58,12 @@ def decide(program, number, arguments=(), architecture=0xC000003E):
 def judge(request):
     column = ARCHITECTURES.index(request.param)
     programs = {
-        threads: seccomp.make_filter(request.param, PID, threads=threads)
+        threads: kernel.make_filter(request.param, PID, threads=threads)
         for threads in (False, True)
     }
     tables = {**ALLOWED, **JUDGED, **FORBIDDEN}
 
-    def judge(call, *arguments, threads=False, architecture=seccomp.AUDIT_ARCH[request.param]):
+    def judge(call, *arguments, threads=False, architecture=kernel.AUDIT_ARCH[request.param]):
         number = tables[call][column] if isinstance(call, str) else call
         if number is None:
             return None
@@ -73,7 +73,7 @@ def judge(request):
 
 
 def test_what_computing_needs_is_allowed(judge):
-    assert {judge(name) for name in ALLOWED} <= {seccomp.ALLOW, None}
+    assert {judge(name) for name in ALLOWED} <= {kernel.ALLOW, None}
 
 
 @pytest.mark.parametrize("name", FORBIDDEN)
@@ -84,15 +84,15 @@ def test_what_reaches_beyond_the_process_is_denied(judge, name):
 def test_threads_only_where_they_are_asked_for_and_processes_never(judge):
     thread, process = 0x3D0F00, 0x1200011
     assert judge("clone", thread) == DENIED
-    assert judge("clone", thread, threads=True) == seccomp.ALLOW
+    assert judge("clone", thread, threads=True) == kernel.ALLOW
     assert judge("clone", process, threads=True) == DENIED
     assert judge("clone3", threads=True) == ABSENT
 
 
 @pytest.mark.parametrize("name", ["kill", "tkill", "tgkill"])
 def test_signals_go_to_oneself_only(judge, name):
-    assert judge(name, PID, 6, 6) == seccomp.ALLOW
-    assert judge(name, PID + 2**32, 6, 6) == seccomp.ALLOW  # the kernel takes 32 bits, and so ours
+    assert judge(name, PID, 6, 6) == kernel.ALLOW
+    assert judge(name, PID + 2**32, 6, 6) == kernel.ALLOW  # the kernel takes 32 bits, and so ours
     for other in (0, 1, -1, -PID, PID + 1):
         assert judge(name, other, 6, 6) == DENIED
 
@@ -105,14 +105,14 @@ def test_a_policy_cannot_seem_killed_or_stopped(judge, name):
 
 
 def test_advice_is_about_its_own_memory_only(judge):
-    assert {judge("madvise", 0, 4096, advice) for advice in (4, 8, 14)} == {seccomp.ALLOW}
+    assert {judge("madvise", 0, 4096, advice) for advice in (4, 8, 14)} == {kernel.ALLOW}
     assert {judge("madvise", 0, 4096, advice) for advice in (3, 9, 12, 20, 21)} == {DENIED}
 
 
 def test_no_file_is_emptied_that_landlock_does_not_let_write(judge):
     for flags in (os.O_RDONLY | os.O_CLOEXEC, os.O_WRONLY | os.O_TRUNC, os.O_RDWR | os.O_TRUNC):
-        assert judge("openat", -100, 0, flags) == seccomp.ALLOW
-        assert judge("open", 0, flags) in (seccomp.ALLOW, None)  # aarch64 has no such call
+        assert judge("openat", -100, 0, flags) == kernel.ALLOW
+        assert judge("open", 0, flags) in (kernel.ALLOW, None)  # aarch64 has no such call
     for flags in (os.O_TRUNC, os.O_TRUNC | os.O_CLOEXEC, 3, 3 | os.O_TRUNC, os.O_TRUNC + 2**32):
         assert judge("openat", -100, 0, flags) == DENIED
         assert judge("open", 0, flags) in (DENIED, None)
@@ -120,27 +120,27 @@ def test_no_file_is_emptied_that_landlock_does_not_let_write(judge):
 
 
 def test_limits_are_read_and_never_set(judge):
-    assert judge("prlimit64", 0, 7, 0, 1000) == seccomp.ALLOW
-    assert judge("prlimit64", PID, 7, 0, 1000) == seccomp.ALLOW
+    assert judge("prlimit64", 0, 7, 0, 1000) == kernel.ALLOW
+    assert judge("prlimit64", PID, 7, 0, 1000) == kernel.ALLOW
     assert judge("prlimit64", PID + 1, 7, 0, 1000) == DENIED
     assert judge("prlimit64", 0, 7, 1000, 0) == DENIED
     assert judge("prlimit64", 0, 7, 2**32, 0) == DENIED
 
 
 def test_options_that_reach_others_are_denied(judge):
-    assert judge("prctl", 15) == judge("prctl", seccomp.PR_SET_VMA) == seccomp.ALLOW
+    assert judge("prctl", 15) == judge("prctl", kernel.PR_SET_VMA) == kernel.ALLOW
     assert {judge("prctl", option) for option in (1, 4, 8, 22, 24, 38, 47, 1499557217)} == {DENIED}
-    assert judge("fcntl", 3, 2) == judge("fcntl", 3, 1030) == seccomp.ALLOW
+    assert judge("fcntl", 3, 2) == judge("fcntl", 3, 1030) == kernel.ALLOW
     assert {judge("fcntl", 3, option) for option in (6, 8, 10, 15, 1024, 1026)} == {DENIED}
-    assert judge("ioctl", 0, 0x5401) == seccomp.ALLOW
-    assert judge("ioctl", 0, 0x5412) == seccomp.ERRNO | errno.ENOTTY
+    assert judge("ioctl", 0, 0x5401) == kernel.ALLOW
+    assert judge("ioctl", 0, 0x5412) == kernel.ERRNO | errno.ENOTTY
 
 
 def test_calls_of_another_kind_kill(judge):
-    assert judge("read", architecture=0x40000003) == seccomp.KILL_PROCESS  # i386
-    assert judge("read", architecture=0xC0000015) == seccomp.KILL_PROCESS  # ppc64le
-    program = seccomp.make_filter("x86_64", PID, threads=True)
-    assert decide(program, seccomp.X32_BIT) == seccomp.KILL_PROCESS
+    assert judge("read", architecture=0x40000003) == kernel.KILL_PROCESS  # i386
+    assert judge("read", architecture=0xC0000015) == kernel.KILL_PROCESS  # ppc64le
+    program = kernel.make_filter("x86_64", PID, threads=True)
+    assert decide(program, kernel.X32_BIT) == kernel.KILL_PROCESS
 
 
 def test_calls_of_the_future_are_absent(judge):
@@ -150,10 +150,10 @@ def test_calls_of_the_future_are_absent(judge):
 
 def test_no_jump_leaves_the_program():
     for machine in ARCHITECTURES:
-        program = seccomp.make_filter(machine, PID, threads=True)
+        program = kernel.make_filter(machine, PID, threads=True)
         for at, (code, if_true, if_false, _) in enumerate(program):
             assert max(if_true, if_false) < 256
-            assert code in (seccomp.RETURN, seccomp.AND) or at + 1 + max(if_true, if_false) < len(
+            assert code in (kernel.RETURN, kernel.AND) or at + 1 + max(if_true, if_false) < len(
                 program
             )
         assert len(program) < 4096

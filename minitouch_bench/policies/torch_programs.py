@@ -1,0 +1,199 @@
+"""Modules that torch saved with their code, torch.export's and TorchScript's; they run as saved."""
+
+import io
+import warnings
+import zipfile
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils._pytree import tree_structure
+
+from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError, describe, plain_line
+from minitouch_bench.policies.native import as_array, to_tensors
+from minitouch_bench.policies.policy import (
+    IMAGE_SHAPE,
+    RECURRENT_CLASS,
+    TO_REMEMBER,
+    TOUCH_SHAPE,
+    Observation,
+    PolicySource,
+    fits_shape,
+)
+
+ARGUMENTS, RESULT = tree_structure(((0, 0), {})), tree_structure(0)
+INPUTS = ((torch.uint8, (1, *IMAGE_SHAPE)), (torch.float32, (1, *TOUCH_SHAPE)))
+SIGNATURE = f"(image: uint8 {INPUTS[0][1]}, touch: float32 {INPUTS[1][1]}) -> action (1, A)"
+COMPILED = "/data/aotinductor/"
+"""Where a package of AOTInductor has its machine code."""
+
+RAN = "failed in the TorchScript interpreter"
+"""What torch says where a file's code failed, and not the reading of the file."""
+
+RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
+"""Names of torch's recurrent modules, which a saved module keeps."""
+
+VIEWS = ("aten::select", "aten::slice", "aten::view", "aten::reshape", "aten::narrow")
+"""Operations that return a part of the tensor that they are given, not a copy."""
+
+
+class ModulePolicy:
+    """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``.
+
+    ``memory`` is what the module could remember with and does not, "" for nothing.
+    """
+
+    def __init__(self, module: Any, memory: str = "") -> None:
+        self._module = module
+        self.warning = memory and (
+            f"it has {memory} and keeps nothing from one action to the next: saving it drops what "
+            f"forward assigns to anything but a buffer. {TO_REMEMBER}"
+        )
+
+    def reset(self, seed: int, task: str) -> None:
+        """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
+
+    @torch.inference_mode()
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return what the module gives."""
+        # The optimizing executor rewrites the graph after two calls, which costs seconds and
+        # can change the last bit within an episode.
+        with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]
+            try:
+                return as_array(self._module(*to_tensors(observation)))
+            except RuntimeError as error:  # whose message begins with the whole source
+                raise PolicyRaisedError(_last_line(error)) from error
+
+
+def load_exported(source: PolicySource) -> ModulePolicy:
+    """Load a program of ``torch.export``, which opens what is pickled in it.
+
+    Raises:
+        PolicyLoadError: not a file of torch.export.save, or a program of other inputs.
+    """
+    # It loads dynamo, which only this format needs; a host has loaded it before.
+    from torch.export.pt2_archive._package import load_pt2  # noqa: PLC0415
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(source.content)) as archive:
+            is_compiled = any(COMPILED in name for name in archive.namelist())
+        programs = {} if is_compiled else load_pt2(io.BytesIO(source.content)).exported_programs
+    except Exception as error:  # whatever is pickled in it may raise
+        raise PolicyLoadError(
+            f"{source.target} cannot be read by torch {torch.__version__} (export on the CPU, "
+            f"write with torch.export.save): {describe(error)}"
+        ) from error
+    if "model" not in programs:
+        what = "compiled code" if is_compiled else "no program"
+        raise PolicyLoadError(
+            f"{source.target} contains {what}: write it with torch.export.save(program, file)"
+        )
+    program = programs["model"]
+    names = program.graph_signature.user_inputs
+    given = [node.meta.get("val") for node in program.graph.nodes if node.name in names]
+    fits = (program.call_spec.in_spec, program.call_spec.out_spec) == (ARGUMENTS, RESULT) and all(
+        getattr(value, "dtype", None) is dtype and fits_shape(value.shape, shape)
+        for value, (dtype, shape) in zip(given, INPUTS, strict=True)
+    )
+    if not fits:
+        shown = (f"{getattr(x, 'dtype', x)} {tuple(getattr(x, 'shape', ()))}" for x in given)
+        raise PolicyLoadError(
+            f"{source.target} has the inputs ({', '.join(shown)}), keywords or several results.\n"
+            f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
+        )
+    return ModulePolicy(program.module(), find_program_memory(program))
+
+
+def load_torchscript(source: PolicySource) -> ModulePolicy:
+    """Load a TorchScript module on the CPU.
+
+    Raises:
+        PolicyLoadError: not a TorchScript file, or a forward of other arguments.
+    """
+    try:
+        with warnings.catch_warnings():  # the format's ``advice`` says it
+            warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
+            module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
+    except (RuntimeError, ValueError) as error:
+        if RAN in str(error):
+            text = f"{source.target} failed in code of its own: {_last_line(error)}"
+            raise PolicyLoadError(text) from error
+        raise PolicyLoadError(
+            f"{source.target} is not a TorchScript file. Weights alone are not enough: "
+            "export the module with torch.export as .pt2, see docs/how-to/export-a-policy.md"
+        ) from error
+    module.eval()
+    arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
+    if len(arguments) != 2:
+        raise PolicyLoadError(
+            f"{source.target}: forward takes ({', '.join(arguments)}), not (image, touch)"
+        )
+    return ModulePolicy(module, find_script_memory(module))
+
+
+def _last_line(error: Exception) -> str:
+    """Return the end of torch's message, where it says what went wrong."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return plain_line(lines[-1]) if lines else type(error).__name__
+
+
+# What a module could remember with: a recurrent layer, or a tensor of zeros, as a hidden state
+# begins with. Nothing is said of one whose ``forward`` writes to a buffer or an attribute.
+
+
+def find_program_memory(program: Any) -> str:
+    """Name what a program of ``torch.export`` could remember with and does not, "" for nothing."""
+    stacks = (str(node.meta.get("nn_module_stack")) for node in program.graph.nodes)
+    layers = (match[1] for match in map(RECURRENT_CLASS.search, stacks) if match)
+    found = _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
+    return "" if _writes_a_buffer(program) else found
+
+
+def find_script_memory(module: Any) -> str:
+    """Name what a TorchScript module could remember with and does not, "" for nothing."""
+    layers = (part.original_name for part in module.modules() if part.original_name in RECURRENT)
+    found = _first_memory(layers, dict(module.named_buffers()))
+    return "" if any(map(_writes, _nodes(module.inlined_graph))) else found
+
+
+def _first_memory(layers: Iterator[str], tensors: Mapping[str, Any]) -> str:
+    """Name a recurrent layer, or a tensor of zeros that is not a normalization's."""
+    if layer := next(layers, ""):
+        return f"a recurrent layer ({layer})"
+    for name, value in tensors.items():
+        is_tensor = isinstance(value, torch.Tensor) and value.numel() > 1
+        if is_tensor and not (value.any() or name.endswith("running_mean")):
+            return f"a tensor of zeros ('{name}')"
+    return ""
+
+
+def _writes_a_buffer(program: Any) -> bool:
+    signature = program.graph_signature
+    for node in program.graph.nodes:
+        if not getattr(getattr(node.target, "_schema", None), "is_mutable", False):
+            continue
+        changed = node.args[0]
+        while getattr(changed.target, "is_view", False):
+            changed = changed.args[0]
+        if changed.name in signature.inputs_to_buffers:
+            return True
+    return bool(signature.buffers_to_mutate)
+
+
+def _nodes(block: Any) -> Iterator[Any]:
+    for node in block.nodes():
+        yield node
+        for inner in node.blocks():
+            yield from _nodes(inner)
+
+
+def _writes(node: Any) -> bool:
+    """Tell whether a node of a graph changes an attribute of its module."""
+    if not node.kind().endswith("_"):
+        return bool(node.kind() == "prim::SetAttr")
+    changed = next(node.inputs()).node()
+    while changed.kind() in VIEWS:
+        changed = next(changed.inputs()).node()
+    return bool(changed.kind() == "prim::GetAttr")
