@@ -5,16 +5,14 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import whole
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Seed = Annotated[int, Meta(ge=0)]
@@ -88,14 +86,14 @@ class Trace:
     ``first_touch_tick`` is the tick of the first contact, -1 if there was none.
     """
 
-    actions: "NDArray[np.float32]"
-    clipped: "NDArray[np.bool_]"
-    rewards: "NDArray[np.float32]"
-    ticks: "NDArray[np.int16]"
-    contact_ticks: "NDArray[np.int16]"
-    onsets: "NDArray[np.int16]"
-    touch: "NDArray[np.float32]"
-    object_state: "NDArray[np.float64]"
+    actions: NDArray[np.float32]
+    clipped: NDArray[np.bool_]
+    rewards: NDArray[np.float32]
+    ticks: NDArray[np.int16]
+    contact_ticks: NDArray[np.int16]
+    onsets: NDArray[np.int16]
+    touch: NDArray[np.float32]
+    object_state: NDArray[np.float64]
     first_touch_tick: int = -1
 
     def digest(self) -> str:
@@ -105,8 +103,6 @@ class Trace:
         whoever replays the applied actions must find the same digest.
         """
         sha = hashlib.sha256()
-        import numpy as np  # noqa: PLC0415 - numpy takes longer to import than all of --help
-
         for field in fields(self):
             if field.name == "clipped":
                 continue
@@ -142,8 +138,8 @@ class Film:
     """
 
     played: PlayedEpisode
-    scenes: "NDArray[np.uint8]"
-    images: "NDArray[np.uint8]"
+    scenes: NDArray[np.uint8]
+    images: NDArray[np.uint8]
     target: tuple[float, float] | None = None
 
 

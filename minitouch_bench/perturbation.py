@@ -1,22 +1,12 @@
-"""Under which conditions a policy plays: changed senses, a changed world, and its limits."""
+"""Under which conditions a policy plays: changed senses and a changed world."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
 
-from msgspec import Meta
+import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import (
-    ACT_TIMEOUT_S,
-    EPISODE_TIMEOUT_S,
-    LOAD_TIMEOUT_S,
-    PROTOCOL,
-)
-
-if TYPE_CHECKING:
-    import numpy as np
 
 Sense = Literal["touch", "forces", "vision"]
 Range = tuple[float, float]
@@ -59,7 +49,7 @@ class Perturbation:
         """Whether a policy is given other observations than the environment's."""
         return bool(self.without or self.noise or self.force_noise)
 
-    def draw(self, rng: "np.random.Generator") -> tuple[float, float, float]:
+    def draw(self, rng: np.random.Generator) -> tuple[float, float, float]:
         """Draw one episode's factors on mass and friction, and the degrees of its camera."""
         uniform = rng.uniform
         return uniform(*self.mass), uniform(*self.friction), uniform(*self.camera)
@@ -140,62 +130,3 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
         return Perturbation(without=ordered, **values)  # type: ignore[arg-type]
     except ValueError as error:
         raise UsageError(str(error)) from error
-
-
-MAX_TIMEOUT_S = 86400.0
-MAX_MEMORY_MB = 2**24
-
-Seconds = Annotated[float, Meta(gt=0)]
-
-MAX_ACTS = max(task.max_steps for task in PROTOCOL.tasks)
-"""Acts in the longest episode, for the limit of processor time."""
-
-
-@dataclass(frozen=True)
-class PolicyLimits:
-    """How long a policy may take, in s: to load and reset, for one action, for a whole episode.
-
-    The time of an episode is all that is spent on waiting for the policy, and not the world's.
-    In the sandbox its memory is limited too, in MiB beyond what the format's packages take.
-
-    Raises:
-        UsageError: a time that cannot be waited for.
-    """
-
-    load_timeout_s: Seconds = LOAD_TIMEOUT_S
-    act_timeout_s: Seconds = ACT_TIMEOUT_S
-    episode_timeout_s: Seconds = EPISODE_TIMEOUT_S
-    memory_mb: Annotated[int, Meta(gt=0)] = 8192
-
-    def __post_init__(self) -> None:
-        for limit in (self.load_timeout_s, self.act_timeout_s, self.episode_timeout_s):
-            if not 0 < limit <= MAX_TIMEOUT_S:
-                raise UsageError(
-                    f"a time limit is above 0 and at most {MAX_TIMEOUT_S:g} s, not {limit}"
-                )
-        if not 0 < self.memory_mb <= MAX_MEMORY_MB:
-            raise UsageError(f"a memory limit is 1 to {MAX_MEMORY_MB} MiB, not {self.memory_mb}")
-
-    def as_options(self) -> tuple[str, ...]:
-        """Return the command line's options for the times that are not the protocol's."""
-        words: list[str] = []
-        if self.act_timeout_s != ACT_TIMEOUT_S:
-            words += ["--act-timeout", f"{self.act_timeout_s:.15g}"]
-        if self.episode_timeout_s != EPISODE_TIMEOUT_S:
-            words += ["--episode-timeout", f"{self.episode_timeout_s:.15g}"]
-        return tuple(words)
-
-    def within(self, most: "PolicyLimits") -> "PolicyLimits":
-        """Return these limits, each of them at most that of ``most``."""
-        return PolicyLimits(
-            *(min(getattr(self, one.name), getattr(most, one.name)) for one in fields(self))
-        )
-
-    @property
-    def cpu_s(self) -> int:
-        """Return the processor time that one thread could use within the timeouts."""
-        return math.ceil(self.load_timeout_s + MAX_ACTS * self.act_timeout_s)
-
-
-USUAL_LIMITS = PolicyLimits()
-"""The default."""

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation, PolicyLimits, parse_perturbation
-from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_perturbation
+from minitouch_bench.protocol.minitouch import PROTOCOL, PolicyLimits
 
 
 def test_conditions_are_read_as_they_are_typed():

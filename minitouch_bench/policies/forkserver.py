@@ -37,7 +37,6 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     describe,
 )
-from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.kernel import ProcessLimits
 from minitouch_bench.policies.policy import (
@@ -53,6 +52,7 @@ from minitouch_bench.policies.policy import (
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import core_count, die_with
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.protocol.spec import fit_action
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)

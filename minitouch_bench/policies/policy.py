@@ -4,23 +4,23 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY, PolicyIdentity
-from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError, describe
 from minitouch_bench.machine import look_up, require
-from minitouch_bench.perturbation import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import (
     ACT_TIMEOUT_S,
     EPISODE_TIMEOUT_S,
     PROTOCOL,
+    USUAL_LIMITS,
+    PolicyLimits,
 )
 
-if TYPE_CHECKING:  # numpy takes longer to import than all of --help
-    import numpy as np
-    from numpy.typing import NDArray
-
-Observation = Mapping[str, "NDArray[Any]"]
+Observation = Mapping[str, NDArray[Any]]
 """``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
 IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, PROTOCOL.observation.touch_shape
@@ -35,7 +35,7 @@ class Policy(Protocol):
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode of a task; the seed is the episode's only source of chance."""
 
-    def act(self, observation: Observation) -> "NDArray[np.float32]":
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the action, float32 (4,) or (5,), each number in [-1, 1]: see ``fit_action``."""
 
 
@@ -128,10 +128,8 @@ def action_size(task: str) -> int:
     return PROTOCOL.task(task).action_size
 
 
-def zero_observation() -> "dict[str, NDArray[Any]]":
+def zero_observation() -> dict[str, NDArray[Any]]:
     """Return a black image and an all-zero touch vector."""
-    import numpy as np  # noqa: PLC0415
-
     return {
         "image": np.zeros(IMAGE_SHAPE, np.uint8),
         "touch": np.zeros(TOUCH_SHAPE, np.float32),
@@ -313,8 +311,6 @@ def load_policy(source: PolicySource) -> Policy:
     except MiniTouchError:
         raise
     except Exception as error:  # whatever a foreign reader raises means: not loadable
-        from minitouch_bench.errors import describe  # noqa: PLC0415  it imports numpy
-
         raise PolicyLoadError(
             f"{source.target} is not a readable {source.kind} policy: {describe(error)}"
         ) from error

@@ -13,11 +13,13 @@ from msgspec import UNSET, Meta, UnsetType
 from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.perturbation import UNPERTURBED, USUAL_LIMITS, Perturbation, PolicyLimits
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
     PROTOCOL,
     SUITE_NAMES,
+    USUAL_LIMITS,
+    PolicyLimits,
     episode_seed,
     policy_seed,
     suite_generator,

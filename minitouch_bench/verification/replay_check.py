@@ -16,8 +16,8 @@ from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
 from minitouch_bench.metrics.summary import measure, touch_curve
-from minitouch_bench.perturbation import USUAL_LIMITS
 from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
+from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification.problems import Findings, Problem

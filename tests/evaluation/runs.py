@@ -6,9 +6,9 @@ from minitouch_bench.evaluation.execution import header_of, open_run, play_missi
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import lock_directory
-from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 

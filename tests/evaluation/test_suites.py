@@ -6,9 +6,9 @@ import typer
 from minitouch_bench.commands.app import app
 from minitouch_bench.episode import IN_MEMORY, Role
 from minitouch_bench.errors import UsageError
-from minitouch_bench.perturbation import Perturbation, PolicyLimits
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES, PolicyLimits
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
 from minitouch_bench.runs.run import why_unofficial
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set

@@ -23,7 +23,6 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import (
     Isolation,
     IsolationOptions,
@@ -38,6 +37,7 @@ from minitouch_bench.policies.wire import (
     HostConnection,
     WireError,
 )
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.conftest import load
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.perturbation import PolicyLimits
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,
     PAPER_TASKS,

@@ -16,11 +16,11 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.processes import core_count
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.isolation import hostile_factory, hostile_modules
 
 LIMITS = PolicyLimits(act_timeout_s=10.0)

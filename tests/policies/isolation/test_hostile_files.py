@@ -22,10 +22,10 @@ import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.files import LARGEST_CHECKPOINT
-from minitouch_bench.perturbation import PolicyLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, isolate, try_policy
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
+from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.recipes import run_recipes
 
 onnx = pytest.importorskip("onnx")
