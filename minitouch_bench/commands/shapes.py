@@ -22,7 +22,7 @@ def generate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set.")] = 0,
     workers: Workers = 1,
 ) -> None:
-    """Make a set; after an interruption the same command continues it."""
+    """Make a set."""
     from minitouch_bench.shapegen import generate as workflow
 
     if others := workflow.other_libraries():
@@ -57,14 +57,12 @@ def check(
 
 @app.command(cls=Command)
 def preview(folder: Folder, output: Output) -> None:
-    """Write contact sheets by family and split, and a page to browse the set offline."""
+    """Write a page with a picture of every shape, to browse the set offline."""
     from minitouch_bench.shapegen import preview as workflow
     from minitouch_bench.shapegen.manifest import load_shape_set
 
     with count_progress("pictures") as progress:
-        written = workflow.preview(load_shape_set(folder), output, progress)
-    for path in written:
-        print(path)
+        print(workflow.preview(load_shape_set(folder), output, progress))
 
 
 @app.command("import", cls=Command)

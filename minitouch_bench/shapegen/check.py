@@ -1,7 +1,7 @@
 """Prove a shape set against its manifest; every failure is named, none hides another."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -11,8 +11,8 @@ from msgspec import convert
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
-from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest
-from minitouch_bench.shapegen.generate import Progress, entry_of
+from minitouch_bench.shapegen.body_codec import Body, decode, digest
+from minitouch_bench.shapegen.generate import Progress, entry_of, record_facts
 from minitouch_bench.shapegen.manifest import (
     Shape,
     ShapeSet,
@@ -42,7 +42,7 @@ def check_set(
             text = str(error)
             problems.append(text if text.startswith(shape.name) else f"{shape.name}: {text}")
             continue
-        problems += _number_problems(shape, bodies[position])
+        problems += _number_problems(shapes.document["shapes"][position], bodies[position])
     if not quick:
         problems += _unsound(shapes, bodies, workers, progress)
     return tuple(problems)
@@ -78,24 +78,13 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
             yield f"{shape.name} is marked {shape.split}, the rule says {split}"
 
 
-def _number_problems(shape: Shape, body: Body) -> Iterator[str]:
-    if not np.isfinite([body.mass, *body.inertia, *shape.extents]).all():
-        yield f"{shape.name}: a mass, moment or extent is not a finite number"
+def _number_problems(listed: Mapping[str, Any], body: Body) -> Iterator[str]:
+    if not np.isfinite([body.mass, *body.inertia, *listed["extents_m"]]).all():
+        yield f"{listed['name']}: a mass, moment or extent is not a finite number"
         return
-    if shape.mass != body.mass:
-        yield f"{shape.name}: the manifest says {shape.mass} kg, the record {body.mass} kg"
-    if not np.allclose(shape.extents, body.visual.extents, rtol=0.0, atol=2e-6):
-        yield f"{shape.name}: the manifest's extents are not the record's"
-    counts = {
-        "hulls": len(body.hulls),
-        "faces": len(body.visual.faces),
-        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
-    }
-    for key, count in counts.items():
-        if getattr(shape, key) != count:
-            yield f"{shape.name}: {key} are {count}, not {getattr(shape, key)}"
-    if digest(*body_files(body).values()) != shape.files_sha256:
-        yield f"{shape.name}: its OBJ and URDF texts are not those of the manifest"
+    for key, found in record_facts(body).items():
+        if listed[key] != found:
+            yield f"{listed['name']}: {key} is {listed[key]} in the manifest, {found} in the record"
 
 
 def _unsound(

@@ -1,8 +1,7 @@
-"""Generate a set, resumable after kill -9, always the same bytes; and how any set is written."""
+"""Generate a set, always the same bytes; and how any set is written."""
 
 import json
 import platform
-import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -47,7 +46,6 @@ from minitouch_bench.shapegen.soundness import (
 )
 from minitouch_bench.simulation.client import BUILDS
 
-PARTIAL, PLAN = ".partial", "plan.json"
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
 
@@ -65,74 +63,28 @@ class GenerateResult:
 def generate(
     folder: Path, count: int, root: int, workers: int, progress: Progress = lambda *_: None
 ) -> GenerateResult:
-    """Make shapes 0 to ``count`` - 1 of seed ``root``, using those kept, and write them as a set.
+    """Make shapes 0 to ``count`` - 1 of seed ``root``, and write them as a set.
 
     Raises:
-        RunDirectoryError: another generator works in the folder, or it holds something else.
+        RunDirectoryError: another generator works in the folder, or it holds a set.
         InfrastructureError: the disk is full, or a worker failed.
     """
     name = f"minitouch-{count}" + (f"-seed-{root}" if root else "")
     header = {"name": name, "generator": GENERATOR_VERSION, "seed": root}
     header["parameters"] = asdict(BUILD)
     with lock_directory(folder):
-        parts = open_parts(folder, {**header, "versions": versions(), "count": count})
-        missing = [index for index in range(count) if kept_shape(parts, index) is None]
-        progress(count - len(missing), count)
-        tasks = [(root, index) for index in missing]
-        made = run_in_workers(make_shape, tasks, workers, name=lambda task: f"shape {task[1]}")
-        for done, (position, (entry, record)) in enumerate(made, count - len(missing) + 1):
-            keep_shape(parts, missing[position], entry, record)
-            progress(done, count)
-        kept = [kept_shape(parts, index) for index in range(count)]
-        shapes = [shape for shape in kept if shape is not None]
-        document = write_set(folder, header, shapes)
-        shutil.rmtree(parts)
-    refused = sum((Counter(entry["refused"]) for entry, _ in shapes), Counter[str]())
+        if (folder / MANIFEST).exists():
+            raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
+        tasks = [(root, index) for index in range(count)]
+        made: dict[int, tuple[dict[str, Any], bytes]] = {}
+        for index, shape in run_in_workers(
+            make_shape, tasks, workers, name=lambda t: f"shape {t[1]}"
+        ):
+            made[index] = shape
+            progress(len(made), count)
+        document = write_set(folder, header, [made[index] for index in range(count)])
+    refused = sum((Counter(entry["refused"]) for entry, _ in made.values()), Counter[str]())
     return GenerateResult(content_digest(document), refused)
-
-
-def open_parts(folder: Path, plan: dict[str, Any]) -> Path:
-    """Return the folder of single shapes, begun with this plan or new.
-
-    Raises:
-        RunDirectoryError: a finished set, or shapes of another plan, are there already.
-        InfrastructureError: it cannot be written.
-    """
-    parts, text = folder / PARTIAL, json.dumps(plan, sort_keys=True).encode()
-    if (parts / PLAN).exists():
-        if (parts / PLAN).read_bytes() == text:
-            return parts
-        raise RunDirectoryError(
-            f"{folder} contains a generation begun with other settings; "
-            f"delete {parts} or choose another --output"
-        )
-    if (folder / MANIFEST).exists():
-        raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
-    with os_errors_as(InfrastructureError, parts, "written"):
-        parts.mkdir(exist_ok=True)
-        replace_file(parts / PLAN, text)
-    return parts
-
-
-def keep_shape(parts: Path, index: int, entry: Mapping[str, Any], record: bytes) -> None:
-    """Keep one shape, in a file that is whole or missing.
-
-    Raises:
-        InfrastructureError: the disk is full; what was made before stays.
-    """
-    file = parts / f"{index}.shape"
-    hint = "; the shapes made so far are kept: make room and run the same command again"
-    with os_errors_as(InfrastructureError, file, "written", hint):
-        replace_file(file, json.dumps(entry, allow_nan=False).encode() + b"\n" + record)
-
-
-def kept_shape(parts: Path, index: int) -> tuple[dict[str, Any], bytes] | None:
-    """Return a kept shape, or None if it is missing."""
-    file = parts / f"{index}.shape"
-    if not file.exists():
-        return None
-    text, _, record = file.read_bytes().partition(b"\n")
-    return json.loads(text), record
 
 
 def versions() -> dict[str, str]:
@@ -274,19 +226,28 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
     raise InfrastructureError(f"shape {index} ({family}): no sound shape in {BUILD.attempts} draws")
 
 
+def record_facts(body: Body) -> dict[str, Any]:
+    """Return what the manifest says of a body and its record alone says too, SI units."""
+    return {
+        "mass_kg": body.mass,
+        "extents_m": [round(side, 6) for side in body.visual.extents.tolist()],
+        "faces": len(body.visual.faces),
+        "hulls": len(body.hulls),
+        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
+        "sha256": digest(encode(body)),
+        "files_sha256": digest(*body_files(body).values()),
+    }
+
+
 def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
     """Return the manifest's entry of a body, SI units; mass and poses are not rounded."""
     return {
-        "mass_kg": body.mass,
+        **record_facts(body),
         "density": round(density, 3),
-        "extents_m": [round(side, 6) for side in body.visual.extents.tolist()],
         "volume_m3": round(measures.volume, 12),
         "convexity": round(measures.convexity, 5),
         "genus": measures.genus,
         "wall_m": round(measures.wall, 5),
-        "faces": len(body.visual.faces),
-        "hulls": len(body.hulls),
-        "hull_vertices": sum(len(hull.vertices) for hull in body.hulls),
         "misfit": round(measures.misfit, 5),
         "outside_m": round(measures.outside, 5),
         "lifted": round(measures.lifted, 4),
@@ -298,8 +259,6 @@ def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
             }
             for pose in measures.poses
         ],
-        "sha256": digest(encode(body)),
-        "files_sha256": digest(*body_files(body).values()),
     }
 
 
