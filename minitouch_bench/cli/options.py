@@ -100,8 +100,7 @@ RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")]
 Task = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
 Workers = Annotated[
-    str,
-    engine_option(metavar="N|auto", help="Worker processes; auto: one per core."),
+    str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
 ]
 EngineName = Annotated[
     str,
@@ -112,16 +111,12 @@ EngineName = Annotated[
 ]
 Address = Annotated[
     str | None,
-    engine_option(
-        metavar="HOST:PORT",
-        help="ray: the cluster; without it Ray starts here.",
-    ),
+    engine_option(metavar="HOST:PORT", help="ray: the cluster; without it Ray starts here."),
 ]
 IsolationLevel = Annotated[
     str,
     isolation_option(
-        metavar="|".join(Isolation),
-        help="See docs/explanation/isolation.md; none needs --trust.",
+        metavar="|".join(Isolation), help="See docs/explanation/isolation.md; none needs --trust."
     ),
 ]
 Trust = Annotated[

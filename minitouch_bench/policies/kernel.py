@@ -161,17 +161,12 @@ def supported_abi() -> int:
 
 
 def make_ruleset(
-    abi: int,
-    readable: Iterable[str],
-    writable: Iterable[str] = (),
-    listable: Iterable[str] = (),
+    abi: int, readable: Iterable[str], writable: Iterable[str] = (), listable: Iterable[str] = ()
 ) -> int:
     """Return the descriptor of a ruleset that denies all this kernel can deny, save paths."""
     handled = (1 << max(count for since, count in FILE_RIGHTS if abi >= since)) - 1
     attributes = RulesetAttributes(
-        handled,
-        NET_TCP if abi >= NET_FROM_ABI else 0,
-        SCOPES if abi >= SCOPES_FROM_ABI else 0,
+        handled, NET_TCP if abi >= NET_FROM_ABI else 0, SCOPES if abi >= SCOPES_FROM_ABI else 0
     )
     size = ctypes.sizeof(attributes)
     ruleset = system_call(CREATE_RULESET, ctypes.byref(attributes), size, 0)

@@ -130,10 +130,7 @@ def action_size(task: str) -> int:
 
 def zero_observation() -> dict[str, NDArray[Any]]:
     """Return a black image and an all-zero touch vector."""
-    return {
-        "image": np.zeros(IMAGE_SHAPE, np.uint8),
-        "touch": np.zeros(TOUCH_SHAPE, np.float32),
-    }
+    return {"image": np.zeros(IMAGE_SHAPE, np.uint8), "touch": np.zeros(TOUCH_SHAPE, np.float32)}
 
 
 class Isolation(StrEnum):

@@ -379,10 +379,7 @@ def try_policy(
     first_task = {source.for_task(task): task for task in reversed(tasks)}
     for trial in range(1, MAX_TRIALS + 1):
         try:
-            with (
-                _kept_generators(),
-                contextlib.closing(isolate(source, options)) as policy,
-            ):
+            with _kept_generators(), contextlib.closing(isolate(source, options)) as policy:
                 warnings = [_try_once(policy, *item) for item in first_task.items()]
         except errors.InfrastructureError:  # its host was killed, say
             if trial == MAX_TRIALS:

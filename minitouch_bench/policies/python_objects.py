@@ -118,10 +118,7 @@ def load_object(source: PolicySource) -> Policy:
         return Sb3Policy(policy, source.deterministic)
     from torch.jit import ScriptModule  # noqa: PLC0415
 
-    from minitouch_bench.policies.torch_programs import (  # noqa: PLC0415
-        ModulePolicy,
-        find_script_memory,
-    )
+    from minitouch_bench.policies.torch_programs import ModulePolicy, find_script_memory  # noqa: PLC0415
 
     is_script = isinstance(policy, ScriptModule)
     return ModulePolicy(policy, find_script_memory(policy) if is_script else "")

@@ -51,11 +51,7 @@ class Controller(ABC):
         return self.environment.task.object_state(self.client)
 
     def toward(
-        self,
-        goal: Sequence[float] | NDArray[np.float64],
-        *,
-        finger: float = 0.0,
-        yaw: float = 0.0,
+        self, goal: Sequence[float] | NDArray[np.float64], *, finger: float = 0.0, yaw: float = 0.0
     ) -> NDArray[np.float32]:
         """Return the action towards ``goal`` (m), the ``finger`` number and a ``yaw`` (rad)."""
         offset = (np.asarray(goal) - self.hand) / REACH_M

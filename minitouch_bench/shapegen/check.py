@@ -13,11 +13,7 @@ from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.body_codec import Body, decode, digest
 from minitouch_bench.shapegen.generate import Progress, entry_of, record_facts
-from minitouch_bench.shapegen.manifest import (
-    Shape,
-    ShapeSet,
-    splits_of,
-)
+from minitouch_bench.shapegen.manifest import ShapeSet, splits_of
 from minitouch_bench.shapegen.mesh import RestPose
 from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine, strictly
 

@@ -26,13 +26,7 @@ from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
-from minitouch_bench.shapegen.mesh import (
-    Mesh,
-    Points,
-    in_body_frame,
-    rest_poses,
-    solid_moments,
-)
+from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.solids import (
     Solid,
     hull_of,

@@ -16,22 +16,9 @@ from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
-from minitouch_bench.shapegen.body_codec import (
-    Body,
-    body_files,
-    decode,
-    digest,
-    encode,
-    quantized,
-)
+from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest, encode, quantized
 from minitouch_bench.shapegen.families import FAMILIES, GENERATOR_VERSION
-from minitouch_bench.shapegen.manifest import (
-    MANIFEST,
-    PACK,
-    SCHEMA,
-    canonical_shape_set,
-    splits_of,
-)
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, canonical_shape_set, splits_of
 from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (

@@ -130,11 +130,7 @@ class PandaArm:
         self._place_joints(self._kinematics.clamp(self._solve(target, self.yaw)))
 
     def move(
-        self,
-        action: NDArray[np.float32],
-        low: Vector,
-        high: Vector,
-        after_tick: Callable[[], None],
+        self, action: NDArray[np.float32], low: Vector, high: Vector, after_tick: Callable[[], None]
     ) -> int:
         """Carry out one control step and return its number of ticks.
 
