@@ -8,7 +8,7 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NoReturn
 
@@ -46,13 +46,6 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
-REFUSALS: Mapping[str, type[errors.MiniTouchError]] = {
-    "CheckpointChangedError": errors.CheckpointChangedError,
-    "IsolationError": errors.IsolationError,
-    "MissingExtraError": errors.MissingExtraError,
-}
-"""What a host may answer to the order to start an episode; anything else is a PolicyLoadError."""
-
 
 class PolicyProcess:
     """Run a policy in a process that is forked afresh for every episode.
@@ -68,7 +61,7 @@ class PolicyProcess:
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
         self.warning = ""
-        self._target = ""
+        self.target = ""
         self._size = 0
         self._end_grace_s = 0.0
         self._left_s = 0.0
@@ -91,15 +84,19 @@ class PolicyProcess:
         """
         part = self._source.for_task(task)
         self._end_episode()
-        self._target = part.target
-        self._size = action_size(task)
+        self.target, self._size = part.target, action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(wire.StartOrder(part, task, seed, self._options))
         limit_s = self._limits.load_timeout_s
         deadline = time.monotonic() + limit_s
         self._await_confined(deadline)
-        self._load(deadline)
+        late = f"it was not loaded within {limit_s:g} s"
+        try:
+            answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
+        except errors.PolicyFaultError as fault:
+            raise errors.PolicyLoadError(f"{self.target} cannot be loaded: {fault}") from fault
+        self.warning = errors.plain_line(answer.decode(errors="replace"), 2 * errors.MAX_TEXT)
         late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
@@ -159,7 +156,7 @@ class PolicyProcess:
             raise errors.InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
             self._close_channel()
-            raise REFUSALS.get(answer["class"], errors.PolicyLoadError)(answer["error"])
+            raise getattr(errors, answer["class"])(answer["error"])
         channel.watch(answer["pid"])
 
     def _await_confined(self, deadline: float) -> None:
@@ -175,14 +172,6 @@ class PolicyProcess:
         raise errors.InfrastructureError(
             f"the policy's process could not enter its sandbox: {text}"
         )
-
-    def _load(self, deadline: float) -> None:
-        late = f"it was not loaded within {self._limits.load_timeout_s:g} s"
-        try:
-            answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
-        except errors.PolicyFaultError as fault:
-            raise errors.PolicyLoadError(f"{self._target} cannot be loaded: {fault}") from fault
-        self.warning = errors.plain_line(answer.decode(errors="replace"), 2 * errors.MAX_TEXT)
 
     def _ask(
         self, request: wire.Frame, question: bytes, wanted: wire.Frame, deadline: float, late: str
@@ -213,7 +202,7 @@ class PolicyProcess:
 
     def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
         text = errors.plain_line(
-            payload.decode(errors="replace"), errors.MAX_TEXT + len(self._target)
+            payload.decode(errors="replace"), errors.MAX_TEXT + len(self.target)
         )
         if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
             self._stop(0.0)
@@ -235,7 +224,9 @@ class PolicyProcess:
         if killed:
             text = "the policy's process closed its connection"
         elif status < 0:
-            text = f"the policy's process was killed by {_signal_name(-status)}"
+            names = {number.value: number.name for number in signal.Signals}
+            name = names.get(-status, f"signal {-status}")
+            text = f"the policy's process was killed by {name}"
         else:
             text = f"the policy's process exited with code {status}"
         from_outside = not killed and status == -signal.SIGKILL
@@ -273,13 +264,6 @@ class PolicyProcess:
             self._stop(self._end_grace_s if self._channel is not None else 0.0)
 
 
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
-
-
 class InProcessPolicy:
     """Load a policy afresh for every episode, beside the simulator.
 
@@ -292,16 +276,16 @@ class InProcessPolicy:
         self._trust = trust
         self._policy: Policy | None = None
         self._size = 0
-        self.warning = ""
+        self.target = self.warning = ""
 
     def reset(self, seed: int, task: str) -> None:
         """End the episode before, load the policy again and begin one; raise as a process does."""
         self.close()
         part = self._source.for_task(task)
+        self.target, self._size = part.target, action_size(task)
         check_permitted(part, Isolation.NONE, trust=self._trust)
         if FORMATS[part.kind].suffixes:
             part = replace(part, content=read_again(part.target, part.digest))
-        self._size = action_size(task)
         seed_everything(seed)
         self._policy = load_policy(part)
         self.warning = warning_of(self._policy)
@@ -356,10 +340,6 @@ def isolate(
     return PolicyProcess(source, replace(options, level=level))
 
 
-MAX_TRIALS = 3
-"""A policy is tried this often where something other than the policy fails."""
-
-
 def try_policy(
     source: PolicySource, tasks: Sequence[str], options: IsolationOptions = SANDBOXED
 ) -> tuple[str, ...]:
@@ -372,21 +352,23 @@ def try_policy(
         PolicyLoadError: it cannot be loaded or reset.
         IsolationError: this machine cannot isolate it as asked.
         MissingExtraError: an optional package is not installed.
-        InfrastructureError: its process or its host was killed again and again.
+        InfrastructureError: its process or its host was killed.
     """
     if source.kind == "scripted":
         return ()
-    first_task = {source.for_task(task): task for task in reversed(tasks)}
-    for trial in range(1, MAX_TRIALS + 1):
-        try:
-            with _kept_generators(), contextlib.closing(isolate(source, options)) as policy:
-                warnings = [_try_once(policy, *item) for item in first_task.items()]
-        except errors.InfrastructureError:  # its host was killed, say
-            if trial == MAX_TRIALS:
-                raise
-        else:
-            return tuple(filter(None, warnings))
-    raise AssertionError("the last trial raises")
+    warnings = []
+    with _kept_generators(), contextlib.closing(isolate(source, options)) as policy:
+        for task in tasks if source.parts else tasks[:1]:
+            try:
+                policy.reset(0, task)
+            except errors.PolicyFaultError as fault:
+                text = f"{policy.target} cannot be reset: {fault}"
+                raise errors.PolicyLoadError(text) from fault
+            with contextlib.suppress(errors.PolicyFaultError):
+                policy.act(zero_observation())
+            if policy.warning:
+                warnings.append(f"{policy.target}: {policy.warning}")
+    return tuple(warnings)
 
 
 @contextlib.contextmanager
@@ -404,14 +386,3 @@ def _kept_generators() -> Iterator[None]:
             np.random.set_state(states[1])  # noqa: NPY002
             if torch:
                 torch.set_num_threads(threads)
-
-
-def _try_once(policy: PolicyProcess | InProcessPolicy, part: PolicySource, task: str) -> str:
-    """Load a checkpoint and ask for an action; return what its loader warns of."""
-    try:
-        policy.reset(0, task)
-    except errors.PolicyFaultError as fault:
-        raise errors.PolicyLoadError(f"{part.target} cannot be reset: {fault}") from fault
-    with contextlib.suppress(errors.PolicyFaultError):
-        policy.act(zero_observation())
-    return f"{part.target}: {policy.warning}" if policy.warning else ""
