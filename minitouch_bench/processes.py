@@ -216,8 +216,7 @@ class _Worker(Generic[Job, Result]):
     def receive(self) -> Result | _Failure:
         """Return what came of the job."""
         with contextlib.suppress(EOFError, OSError):
-            result: Result | _Failure = self.connection.recv()
-            return result
+            return self.connection.recv()
         return _Failure(f"its worker ended (exit code {self._wait()})")
 
     def close(self) -> None:

@@ -71,8 +71,7 @@ def to_tensors(observation: Observation) -> tuple[Tensor, Tensor]:
 
 def as_array(action: Tensor) -> NDArray[Any]:
     """Return a tensor's numbers as an array of the same type and shape."""
-    array: NDArray[Any] = action.detach().numpy()
-    return array
+    return action.detach().numpy()
 
 
 def save_native(actor: TouchActor, path: Path) -> None:

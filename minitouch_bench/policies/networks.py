@@ -58,8 +58,7 @@ class ImageConvolutions(nn.Sequential):
         """
         brightest = BRIGHTEST if image.dtype == torch.uint8 else 1.0
         if not torch.is_autocast_enabled(image.device.type):
-            maps: Tensor = super().forward(image.float() / brightest)  # type: ignore[no-untyped-call]
-            return maps
+            return super().forward(image.float() / brightest)  # type: ignore[no-untyped-call]
         first, activation, second, *others = self
         assert isinstance(first, nn.Conv2d)
         assert isinstance(second, nn.Conv2d)
@@ -136,8 +135,7 @@ class VisualEncoder(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         """Return features float32 (N, 256) of images (N, C, H, W): see ``ImageConvolutions``."""
         maps = self.convolutions(image)
-        features: Tensor = self.projection(maps.flatten(1))
-        return features
+        return self.projection(maps.flatten(1))
 
 
 class TouchActor(nn.Module):

@@ -39,7 +39,7 @@ class OnnxPolicy:
         """Return the graph's output ``action``."""
         feed = {name: observation[name][np.newaxis] for name in INPUT_SHAPES}
         (action,) = self._session.run([OUTPUT], feed)
-        return action  # type: ignore[no-any-return]
+        return action
 
 
 def load_onnx(source: PolicySource) -> OnnxPolicy:

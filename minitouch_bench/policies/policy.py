@@ -291,8 +291,7 @@ def find_loader(kind: str) -> Loader:
     """
     for module, extra in FORMATS[kind].packages:
         require(module, extra)
-    loader: Loader = look_up(FORMATS[kind].loader)
-    return loader
+    return look_up(FORMATS[kind].loader)
 
 
 def load_policy(source: PolicySource) -> Policy:

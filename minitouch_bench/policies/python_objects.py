@@ -80,7 +80,7 @@ class ObjectPolicy:
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the object's action."""
-        return self._policy.act(observation)  # type: ignore[no-any-return]
+        return self._policy.act(observation)
 
     def close(self) -> None:
         """Close the object."""
@@ -189,8 +189,7 @@ class OpenLoopPolicy:
         self._step += 1
         if self._step > len(self._actions):
             return np.zeros(self._actions.shape[1], np.float32)
-        action: NDArray[np.float32] = self._actions[self._step - 1]
-        return action
+        return self._actions[self._step - 1]
 
 
 class ZeroPolicy(_Baseline):

@@ -74,7 +74,7 @@ class Sb3Policy:
             action, self._state = self._policy.predict(
                 dict(self._stack), self._state, deterministic=self._deterministic
             )
-        return action  # type: ignore[no-any-return]
+        return action
 
 
 def load_sb3(source: PolicySource) -> Sb3Policy:

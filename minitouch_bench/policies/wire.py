@@ -373,8 +373,7 @@ class HostConnection:
         if not packet:
             raise HostGoneError("it ended")
         self._in_order = False
-        answer: dict[str, Any] = msgspec.json.decode(packet)
-        return answer
+        return msgspec.json.decode(packet)
 
     def last_line(self) -> str:
         """Return the last line the host printed, made plain."""

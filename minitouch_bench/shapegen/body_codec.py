@@ -53,8 +53,7 @@ def quantized(vertices: Points) -> Points:
         raise ValueError("a vertex is not finite or farther than 65 mm from the center of mass")
     # Dividing by a whole number gives the double nearest to the decimal in the file.
     # Adding zero makes -0.0 plain 0.0, which alone survives the record.
-    rounded: Points = steps / 500_000.0 + 0.0
-    return rounded
+    return steps / 500_000.0 + 0.0
 
 
 def encode(body: Body) -> bytes:

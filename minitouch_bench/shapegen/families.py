@@ -44,8 +44,7 @@ def harmonic(rng: np.random.Generator) -> Solid:
         directions = points / np.linalg.norm(points, axis=1, keepdims=True)
         angles = np.arccos(np.clip(directions @ axes.T, -1.0, 1.0))
         radius = 1.0 + (weights * np.cos(orders * angles + phases)).sum(axis=1)
-        stretched: Points = (np.maximum(radius, 0.4)[:, None] * directions @ rotation) * stretch
-        return stretched
+        return (np.maximum(radius, 0.4)[:, None] * directions @ rotation) * stretch
 
     return Solid.sphere(1.0, 48).warp_batch(deform)
 

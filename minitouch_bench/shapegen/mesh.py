@@ -22,14 +22,12 @@ class Mesh:
     @property
     def triangles(self) -> Points:
         """Corners of every face, float64 (F, 3, 3), m."""
-        corners: Points = self.vertices[self.faces]
-        return corners
+        return self.vertices[self.faces]
 
     @property
     def extents(self) -> Points:
         """Sides of the axis-aligned box, float64 (3,), m."""
-        sides: Points = np.ptp(self.vertices, axis=0)
-        return sides
+        return np.ptp(self.vertices, axis=0)
 
     def moved(self, rotation: Points, offset: Points) -> "Mesh":
         """Return the mesh with every vertex x at ``rotation @ x + offset``."""
@@ -46,8 +44,7 @@ class SolidMoments:
 
     def inertia(self) -> Points:
         """Inertia tensor about the centroid at density 1 kg/m³, float64 (3, 3)."""
-        tensor: Points = np.trace(self.second) * np.eye(3) - self.second
-        return tensor
+        return np.trace(self.second) * np.eye(3) - self.second
 
 
 def solid_moments(mesh: Mesh) -> SolidMoments:

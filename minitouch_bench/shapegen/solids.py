@@ -84,8 +84,7 @@ def superquadric(half_sides: Points, roundness: tuple[float, float]) -> Solid:
     east, north = roundness
 
     def signed_power(values: Points, exponent: float) -> Points:
-        powered: Points = np.sign(values) * np.abs(values) ** exponent
-        return powered
+        return np.sign(values) * np.abs(values) ** exponent
 
     def deform(points: Points) -> Points:
         unit = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -95,8 +94,7 @@ def superquadric(half_sides: Points, roundness: tuple[float, float]) -> Solid:
         x = ring * signed_power(unit[:, 0] / safe, east)
         y = ring * signed_power(unit[:, 1] / safe, east)
         z = signed_power(unit[:, 2], north)
-        placed: Points = np.stack([x, y, z], axis=1) * half_sides
-        return placed
+        return np.stack([x, y, z], axis=1) * half_sides
 
     return Solid.sphere(1.0, 40).warp_batch(deform)
 

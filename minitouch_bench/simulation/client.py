@@ -123,8 +123,7 @@ class View:
 
 def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) of fixed-axis roll, pitch, yaw (rad)."""
-    quaternion: tuple[float, float, float, float] = pybullet.getQuaternionFromEuler(angles)
-    return quaternion
+    return pybullet.getQuaternionFromEuler(angles)
 
 
 ANY_LINK = -2
@@ -303,13 +302,11 @@ class PhysicsClient:
     def link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame as of the last tick."""
         # Positional arguments: this and ``contacts`` run every tick, and keywords cost a third.
-        position: tuple[float, float, float] = pybullet.getLinkState(body, link, 0, 0, self._id)[4]
-        return position
+        return pybullet.getLinkState(body, link, 0, 0, self._id)[4]
 
     def placed_link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame after joints were placed without a tick."""
-        position: tuple[float, float, float] = pybullet.getLinkState(body, link, 0, 1, self._id)[4]
-        return position
+        return pybullet.getLinkState(body, link, 0, 1, self._id)[4]
 
     def inverse_kinematics(
         self,
@@ -323,7 +320,7 @@ class PhysicsClient:
         residual: float,
     ) -> tuple[float, ...]:
         """Return joint positions for a link's pose; ``damping``: one per movable joint."""
-        solution: tuple[float, ...] = self._bullet.calculateInverseKinematics(
+        return self._bullet.calculateInverseKinematics(
             body,
             link,
             position,
@@ -332,7 +329,6 @@ class PhysicsClient:
             maxNumIterations=iterations,
             residualThreshold=residual,
         )
-        return solution
 
     # Contacts and pictures
 

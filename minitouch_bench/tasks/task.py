@@ -84,8 +84,7 @@ class ObjectModel:
     def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
         position, orientation = client.pose(body)
         up = rotation_matrix(orientation)[2]
-        heights: NDArray[np.float64] = position[2] + (self.corners * up).sum(axis=1)
-        return heights
+        return position[2] + (self.corners * up).sum(axis=1)
 
 
 def cube_model(cube: CubeSpec) -> ObjectModel:
