@@ -10,12 +10,12 @@ from PIL import Image
 
 from minitouch_bench.episode import Role
 from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.evaluation.recording import film_episode
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
+from minitouch_bench.verification.filming import film_episode
 
 REPORT_PICTURES = Path("minitouch_bench/reporting/pictures")
 DOCUMENT_PICTURES = Path("docs/pictures")

@@ -20,7 +20,6 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.evaluation.recording import require_video
 from minitouch_bench.json_io import StrPath, Words, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
@@ -30,7 +29,7 @@ from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.shapegen.manifest import Objects
-from minitouch_bench.verification.filming import film_run
+from minitouch_bench.verification.filming import film_run, require_video
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks

@@ -34,8 +34,8 @@ def record(
 
     An episode with a fault ends as truncated. The directory appears when the dataset is complete.
     """
+    from minitouch_bench.evaluation.execution import record_episodes
     from minitouch_bench.evaluation.policy_setup import prepare_policies
-    from minitouch_bench.evaluation.recording import record_episodes
     from minitouch_bench.protocol.spec import SuiteSpec
     from minitouch_bench.runs.plan import Plan, suite_episodes
 

@@ -41,10 +41,10 @@ def replay(
     ] = None,
 ) -> None:
     """Replay a recorded episode without its policy, and write a page that shows what it felt."""
-    from minitouch_bench.evaluation.recording import video_suffix
     from minitouch_bench.reporting.report import view_directory
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification import filming, replay_check, static_check
+    from minitouch_bench.verification.filming import video_suffix
 
     if output is not None and output.suffix != VIEWER:
         raise UsageError(f"--output is an {VIEWER} file, not '{output.name}'")

@@ -90,12 +90,12 @@ def _keep_forces(run: "Run") -> None:
     """Replay a run for its ``forces.csv``, unless it lies there."""
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.reporting.report import view_directory
-    from minitouch_bench.runs.forces import read_forces, write_forces
+    from minitouch_bench.runs.actions import read_forces, write_forces
     from minitouch_bench.verification.replay_check import replay_run
     from minitouch_bench.verification.static_check import refuse_unplayable
 
     directory, records = view_directory(run.directory or Path()), list[PlayedEpisode]()
-    if read_forces(run, directory):
+    if read_forces(run.digest, directory):
         return
     refuse_unplayable(run)
     with episode_progress() as callbacks, open_engine() as engine:
@@ -108,7 +108,7 @@ def _keep_forces(run: "Run") -> None:
         found = replay_run(run, engine, keep)
     for problem in found.problems:
         raise IncompleteCheckError(f"{run.name}: {problem}; “minitouch-bench verify” says more")
-    write_forces(run, records, directory)
+    write_forces(run.digest, records, directory)
 
 
 def _name_of(runs: "list[Run]") -> str:

@@ -21,7 +21,7 @@ from minitouch_bench.policies.policy import Isolation, isolation_options
 
 if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
-    from minitouch_bench.verification.problems import Findings
+    from minitouch_bench.verification.static_check import Findings
 
 SHOWN = 10
 """Differences that are listed; the others are counted."""
@@ -59,8 +59,7 @@ def verify(
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification import replay_check
-    from minitouch_bench.verification.problems import Findings
-    from minitouch_bench.verification.static_check import check_run
+    from minitouch_bench.verification.static_check import Findings, check_run
 
     opening = open_engine(engine, workers, address)
     isolated = isolation_options(isolation, trust)

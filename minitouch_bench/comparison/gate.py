@@ -30,7 +30,7 @@ from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_m
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.statistics import ALPHA, Share, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.labels import policy_options, reproduce_command, tasks_in_order
+from minitouch_bench.reporting.labels import reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader, run_digest
 
@@ -113,18 +113,6 @@ class GateSettings:
     def tolerance_of(self, metric: str) -> Tolerance:
         """Return the tolerance of the endpoint's metric."""
         return self.tolerance or DEFAULT_TOLERANCES.get(metric, OTHER_TOLERANCE)
-
-    def as_options(self) -> list[str]:
-        """Return the options of ``regress`` for what is not as usual."""
-        words = []
-        for name, value in vars(self).items():
-            if value != getattr(USUAL_SETTINGS, name):
-                words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
-        return words
-
-
-USUAL_SETTINGS = GateSettings()
-"""What the gate asks for where nobody says otherwise."""
 
 
 class Decision(StrEnum):
@@ -245,7 +233,7 @@ def judge_runs(
         per_task=per_task,
         changes=changes,
         notes=tuple(pairing.differences_of_making(baseline, candidate)),
-        next_command=_next_command(endpoint, changes, (baseline, candidate), paths, settings),
+        next_command=_next_command(endpoint, changes, baseline, paths),
         wall_s=candidate.environment.wall_s,
     )
 
@@ -377,17 +365,13 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
 
 
 def _next_command(
-    endpoint: Endpoint,
-    changes: Sequence[OutcomeChange],
-    runs: tuple[Run, Run],
-    paths: tuple[str, str],
-    settings: GateSettings,
+    endpoint: Endpoint, changes: Sequence[OutcomeChange], baseline: Run, paths: tuple[str, str]
 ) -> str:
     """Return the command line that leads on from here.
 
     After a regression it replays an episode that was lost, if the candidate's actions are kept;
-    where more episodes would settle the matter it plays them; otherwise it compares the runs in
-    full.
+    where more episodes would settle the matter it makes a baseline of so many; otherwise it
+    compares the runs in full.
     """
     role = METRICS[endpoint.effect.metric].role
     replays = [
@@ -398,19 +382,10 @@ def _next_command(
     if endpoint.decision is Decision.REGRESSION and any(replays):
         return replays[0]
     # A policy plays no exploration episodes.
-    can_play = role is Role.FINAL and not runs[0].plan.chosen
-    if endpoint.episodes_needed and can_play:
-        directory = view_directory(runs[0].directory or Path(paths[0]))
-        output = printable(f"{directory}-{endpoint.episodes_needed}")
-        return _longer_gate(runs, output, endpoint.episodes_needed, settings)
+    can_play = role is Role.FINAL and not baseline.plan.chosen
+    if (number := endpoint.episodes_needed) and can_play:
+        directory = view_directory(baseline.directory or Path(paths[0]))
+        plan = replace(baseline.plan, episodes=number)
+        evaluate = reproduce_command(replace(baseline.header, plan=plan))
+        return f"{evaluate} {shlex.join(['--output', printable(f'{directory}-{number}')])}"
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])
-
-
-def _longer_gate(runs: tuple[Run, Run], output: str, episodes: int, settings: GateSettings) -> str:
-    """Return the commands that make a longer baseline and compare the candidate with it."""
-    baseline, candidate = (run.header for run in runs)
-    plan = replace(baseline.plan, episodes=episodes)
-    evaluate = reproduce_command(replace(baseline, plan=plan))
-    regress = ["minitouch-bench", "regress", candidate.policy.source, "--baseline", output]
-    regress += [*settings.as_options(), *policy_options(candidate)]
-    return f"{evaluate} {shlex.join(['--output', output])} && {shlex.join(map(printable, regress))}"

@@ -15,8 +15,13 @@ from minitouch_bench.comparison import gate, pairing
 from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.intervals import INTERVAL_ENDS, Estimate, newcombe, wilson
-from minitouch_bench.metrics.seeds import mean_differences
+from minitouch_bench.metrics.intervals import (
+    INTERVAL_ENDS,
+    Estimate,
+    mean_differences,
+    newcombe,
+    wilson,
+)
 from minitouch_bench.metrics.statistics import SHARE
 from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.runs.run import Run

@@ -1,5 +1,6 @@
 """Begin or resume a run, play the episodes that are missing, and make the finished run."""
 
+import contextlib
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -7,8 +8,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from minitouch_bench.episode import Outcome, PlayedEpisode
+import numpy as np
+
+from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
@@ -18,17 +23,18 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import (
     RUN_FILE,
     clear_run,
     entries_of,
     holds_run,
+    os_errors_as,
     write_file,
 )
-from minitouch_bench.machine import installed_versions, machine_facts
+from minitouch_bench.machine import installed_versions, machine_facts, require
 from minitouch_bench.policies.policy import computing_packages
-from minitouch_bench.runs.actions import write_actions
-from minitouch_bench.runs.forces import write_forces
+from minitouch_bench.runs.actions import write_actions, write_forces
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import (
     Run,
@@ -40,6 +46,7 @@ from minitouch_bench.runs.run import (
     run_json,
 )
 from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
 """What a run's numbers may depend on; those that are installed stand in ``run.json``."""
@@ -154,7 +161,7 @@ def play_missing(
     run = make_run(header, environment, in_order, name, directory)
     if directory is not None:
         write_actions(in_order, directory)
-        write_forces(run, in_order, directory)
+        write_forces(run.digest, in_order, directory)
     return run
 
 
@@ -212,3 +219,84 @@ def resumable(directory: Path | None) -> Iterator[None]:
         raise InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise InterruptedRunError(f"interrupted\n{advice}") from error
+
+
+# A dataset
+
+
+def record_episodes(
+    setup: PolicySetup, specs: list[EpisodeSpec], directory: Path, callbacks: Callbacks
+) -> int:
+    """Record a policy's episodes of one task; the directory appears when the dataset is complete.
+
+    Returns how many episodes end with a fault of the policy; such an episode is truncated.
+
+    Raises:
+        MissingExtraError: Minari is not installed.
+        RunDirectoryError: the directory is there already, or cannot be written.
+    """
+    minari = require("minari", "data")
+    storages = require("minari.dataset.minari_storage", "data")
+    task = specs[0].task
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
+    faults = 0
+    with (
+        _new_directory(directory) as folder,
+        contextlib.closing(MiniTouchEnv(task)) as environment,
+        contextlib.closing(EpisodeRunner(setup)) as runner,
+    ):
+        storage = storages.MinariStorage.new(
+            folder,
+            environment.observation_space,
+            environment.action_space,
+            jpeg_encoding=False,  # pictures as they are
+        )
+        callbacks.phase("recording", len(specs))
+        for spec in specs:
+            played = runner.run(spec)
+            if len(played.trace.actions):  # none where the policy failed at the reset
+                storage.update_episodes([_episode(environment, played)])
+            callbacks.episode(played)
+            faults += played.outcome is Outcome.POLICY_FAULT
+        storage.update_metadata(
+            {
+                "dataset_id": f"minitouch/{task}/{name}-v0",
+                "minari_version": minari.__version__,
+                "algorithm_name": setup.policy.name,
+            }
+        )
+    return faults
+
+
+@contextlib.contextmanager
+def _new_directory(directory: Path) -> Iterator[Path]:
+    """Give a path beside a new directory; what is written there becomes it when the block ends."""
+    if directory.exists():
+        raise RunDirectoryError(f"{directory} is there already; choose another --output")
+    with os_errors_as(RunDirectoryError, directory, "written"):
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
+            # Minari joins a relative path to itself.
+            unfinished = Path(folder).absolute() / directory.name
+            yield unfinished
+            unfinished.rename(directory)
+
+
+def _episode(environment: MiniTouchEnv, played: PlayedEpisode) -> Any:
+    """Return an episode with its pictures: its actions done again give the same bits."""
+    buffers = require("minari.data_collector.episode_buffer", "data")
+    spec, trace = played.spec, played.trace
+    images = [environment.reset(seed=spec.seed, options={OBJECT: spec.shape})[0]["image"]]
+    images += [environment.step(action)[0]["image"] for action in trace.actions]
+    last = np.arange(len(trace.actions)) == len(trace.actions) - 1
+    terminated = last & (played.outcome in (Outcome.SUCCESS, Outcome.LEFT_WORKSPACE))
+    success = last & (played.outcome is Outcome.SUCCESS)
+    return buffers.EpisodeBuffer(
+        seed=spec.seed,
+        observations={"image": np.stack(images), "touch": trace.touch},
+        actions=trace.actions,
+        rewards=trace.rewards.tolist(),
+        terminations=terminated.tolist(),
+        truncations=(last & ~terminated).tolist(),
+        infos={"is_success": np.concatenate(([False], success))},
+    )

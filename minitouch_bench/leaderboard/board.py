@@ -21,8 +21,8 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.reporting.episode_browser import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
+from minitouch_bench.reporting.pages import Ending, ending_of
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)

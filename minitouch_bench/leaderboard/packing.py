@@ -29,7 +29,7 @@ from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.policies.sources import HUB, parse_hub_address, parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.problems import Problem
+from minitouch_bench.verification.static_check import Problem
 
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""

@@ -39,7 +39,7 @@ from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, PolicySource
 from minitouch_bench.policies.sources import directory_digest, parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification import replay_check
-from minitouch_bench.verification.problems import Problems
+from minitouch_bench.verification.static_check import Problems
 
 RERUN_EPISODES, FRESH_EPISODES = 20, 50
 """Drawn episodes of each policy of a run that are run again; fresh episodes per task of a run."""

@@ -23,10 +23,13 @@ from minitouch_bench.metrics.intervals import (
     OVER_SEEDS,
     OVER_TASKS,
     Estimate,
+    Floats,
+    MeanDifferences,
+    mean_differences,
+    mean_p_values,
     over_seeds,
     quadrature,
 )
-from minitouch_bench.metrics.seeds import Floats, MeanDifferences, mean_differences, mean_p_values
 from minitouch_bench.metrics.statistics import ALPHA, MEAN, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL

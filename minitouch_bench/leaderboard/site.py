@@ -45,10 +45,18 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import charts, labels, tables
 from minitouch_bench.reporting.charts import Figure, Plot
-from minitouch_bench.reporting.episode_browser import BrowsedRun, Ending, browser_data, ending_of
 from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
-from minitouch_bench.reporting.pages import PICTURES, Card, make_card, render_page
+from minitouch_bench.reporting.pages import (
+    PICTURES,
+    BrowsedRun,
+    Card,
+    Ending,
+    browser_data,
+    ending_of,
+    make_card,
+    render_page,
+)
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.svg import draw_share_bar

@@ -24,7 +24,7 @@ from minitouch_bench.policies.policy import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.labels import TASKS
-from minitouch_bench.verification.problems import Problems
+from minitouch_bench.verification.static_check import Problems
 
 FORMAT: Final = "minitouch-submission"
 VERSION: Final = 1

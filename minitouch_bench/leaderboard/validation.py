@@ -38,8 +38,13 @@ from minitouch_bench.policies.sources import (
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
-from minitouch_bench.verification.problems import Findings, Problems
-from minitouch_bench.verification.static_check import AS_WRITTEN, RUN_AGAIN, check_run
+from minitouch_bench.verification.static_check import (
+    AS_WRITTEN,
+    RUN_AGAIN,
+    Findings,
+    Problems,
+    check_run,
+)
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN

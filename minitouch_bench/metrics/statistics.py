@@ -250,36 +250,30 @@ def tango(discordance: Discordance, quantile: float = NORMAL_QUANTILE) -> Estima
     return Estimate(discordance.difference, low, high, n, TANGO)
 
 
-def score_statistic(
-    lost: NDArray[np.float64], won: NDArray[np.float64], n: int, difference: float
-) -> NDArray[np.float64]:
-    """Return Tango's score statistic for a supposed difference in (-1, 1).
-
-    ``lost`` and ``won`` are counts that broadcast together. It is standard normal
-    where the supposition holds, and falls as the supposed difference grows. A variance of 0
-    gives 0 or plus or minus infinity.
-    """
-    b = -won - lost + (2 * n - won + lost) * difference
-    c = -lost * difference * (1.0 - difference)
-    share = (np.sqrt(np.maximum(b * b - 8.0 * n * c, 0.0)) - b) / (4.0 * n)
-    variance = np.maximum(n * (2.0 * share + difference * (1.0 - difference)), 0.0)
-    distance = won - lost - n * difference
-    with np.errstate(divide="ignore", invalid="ignore"):
-        statistic: NDArray[np.float64] = np.where(
-            distance == 0.0, 0.0, distance / np.sqrt(variance)
-        )
-    return statistic
-
-
 def _lower_end(n: int, lost: int, won: int, quantile: float) -> float:
     """Return the least difference that the score test does not reject, by halving."""
     low, high = -1.0, (won - lost) / n
-    counts = np.array([lost], np.float64), np.array([won], np.float64)
     for _ in range(HALVINGS if lost < n else 0):
         middle = (low + high) / 2.0
-        is_rejected = score_statistic(*counts, n, middle)[0] > quantile
+        is_rejected = score_statistic(lost, won, n, middle) > quantile
         low, high = (middle, high) if is_rejected else (low, middle)
     return low
+
+
+def score_statistic(lost: int, won: int, n: int, difference: float) -> float:
+    """Return Tango's score statistic for a supposed difference in (-1, 1).
+
+    It is standard normal where the supposition holds, and falls as the supposed difference grows.
+    A variance of 0 gives 0 or infinity.
+    """
+    b = -won - lost + (2 * n - won + lost) * difference
+    c = -lost * difference * (1.0 - difference)
+    share = (math.sqrt(max(b * b - 8.0 * n * c, 0.0)) - b) / (4.0 * n)
+    variance = max(n * (2.0 * share + difference * (1.0 - difference)), 0.0)
+    distance = won - lost - n * difference
+    if variance == 0.0:
+        return math.copysign(math.inf, distance) if distance else 0.0
+    return distance / math.sqrt(variance)
 
 
 def sign_flip_p(differences: NDArray[np.float64], rng: Rng, resamples: int = RESAMPLES) -> float:

@@ -21,14 +21,14 @@ from minitouch_bench.reporting.charts import (
     Plot,
     series_tone,
 )
-from minitouch_bench.reporting.episode_browser import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
+from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.reporting.report_tables import (
     find_estimate,
     find_generalization,
     task_summary,
 )
-from minitouch_bench.runs.forces import ForceCurves, ForceStep
+from minitouch_bench.runs.actions import ForceCurves, ForceStep
 from minitouch_bench.runs.run import Run
 
 BIN = 10

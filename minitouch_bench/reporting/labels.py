@@ -303,11 +303,6 @@ def reproduce_command(header: RunHeader) -> str:
     return shlex.join(printable(word) for word in [*words, *_isolation_options(header)])
 
 
-def policy_options(header: RunHeader) -> list[str]:
-    """Return the options under which a run's policies ran: limits of time, isolation, trust."""
-    return [*header.plan.limits.as_options(), *_isolation_options(header)]
-
-
 def _isolation_options(header: RunHeader) -> list[str]:
     kinds = {policy.kind for policy in header.policies()}
     is_chosen = header.isolation != "sandbox" and not kinds & set(NOT_IN_SANDBOX)

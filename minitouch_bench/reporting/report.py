@@ -21,16 +21,20 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, report_tables, tables
 from minitouch_bench.reporting.charts import series_tone
-from minitouch_bench.reporting.episode_browser import (
+from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.pages import (
+    TEMPLATES,
     BrowsedRun,
+    Card,
     browser_data,
     find_viewers,
+    image_uri,
+    make_card,
     relative_address,
+    render_page,
 )
-from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.pages import TEMPLATES, Card, image_uri, make_card, render_page
 from minitouch_bench.reporting.tables import Block, Cell, Column, Row, Table
-from minitouch_bench.runs.forces import ForceCurves, read_forces
+from minitouch_bench.runs.actions import ForceCurves, read_forces
 from minitouch_bench.runs.run import Run
 
 
@@ -116,7 +120,7 @@ def _browsed(section: labels.RunSection, page: Path | None) -> BrowsedRun:
 
 
 def _forces(run: Run) -> ForceCurves:
-    return {} if run.directory is None else read_forces(run, view_directory(run.directory))
+    return {} if run.directory is None else read_forces(run.digest, view_directory(run.directory))
 
 
 def _protocol_of(run: Run) -> str:

@@ -1,21 +1,126 @@
 """Episodes of a run filmed again: their viewers, videos and tables, on every core."""
 
+import contextlib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from functools import partial
+from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from minitouch_bench.episode import EpisodePage, EpisodeSpec, PlayedEpisode, Role
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from minitouch_bench.episode import EpisodePage, EpisodeSpec, Film, PlayedEpisode, Role
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.evaluation.recording import film_episode, write_video
-from minitouch_bench.files import REPLAYS, VIDEOS, make_folder, view_name, write_file
+from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.files import REPLAYS, VIDEOS, make_folder, os_errors_as, view_name, write_file
+from minitouch_bench.machine import require
+from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, Policy
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.reporting.viewer import episode_csv, episode_page
 from minitouch_bench.runs.run import Run
+from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.replay_check import is_as_recorded
 from minitouch_bench.verification.static_check import refuse_unplayable
+
+FRAMES_PER_SECOND = 8
+"""A control step lasts about a quarter of a second: videos run at twice real time."""
+
+PICTURE_SIZE = (240, 240)
+"""Pixels of a picture for people, width and height."""
+
+Scenes = NDArray[np.uint8]
+
+
+class _FilmedPolicy:
+    """A policy with a camera: before each action it keeps the scene, and the image it was given."""
+
+    def __init__(self, policy: Policy, world: MiniTouchEnv) -> None:
+        self._policy, self._world = policy, world
+        self.scenes: list[NDArray[np.uint8]] = []
+        self.images: list[NDArray[np.uint8]] = []
+
+    def reset(self, seed: int, task: str) -> None:
+        """Begin an episode."""
+        self._policy.reset(seed, task)
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the policy's action."""
+        self.scenes.append(self._world.picture())
+        action = self._policy.act(observation)
+        self.images.append(observation["image"][0])
+        return action
+
+
+def film_episode(
+    recording: Recording, spec: EpisodeSpec, size: tuple[int, int] = PICTURE_SIZE
+) -> Film:
+    """Replay one episode in front of a camera; ``size``: width and height in pixels."""
+    width, height = size
+    plan = recording.plan
+    world = MiniTouchEnv(
+        spec.task,
+        plan.load_objects(),
+        perturbation=plan.conditions,
+        width=width,
+        height=height,
+    )
+    with contextlib.closing(world):
+        filmed = _FilmedPolicy(recording.make_policy(spec.role, lambda _: world), world)
+        played = run_episode(world, filmed, spec)
+        steps = len(played.trace.actions)
+        scenes = [*filmed.scenes[:steps], world.picture()]
+        images = np.array(filmed.images, np.uint8).reshape(steps, *IMAGE_SHAPE[1:])
+        target = getattr(world.task, "target", None)
+        return Film(played, np.array(scenes), images, target)
+
+
+def write_video(film: Film, path: Path) -> None:
+    """Write a film as an ``.mp4`` or a ``.gif``.
+
+    Raises:
+        MissingExtraError: an ``.mp4`` needs the extra ``video``.
+        RunDirectoryError: the file cannot be written.
+    """
+    write = _write_mp4 if path.suffix == ".mp4" else _write_gif
+    with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
+        unfinished = Path(folder) / path.name
+        write(film.scenes, unfinished)
+        write_file(path, unfinished.read_bytes())
+
+
+def video_suffix() -> str:
+    """Return the kind of video that this installation can write."""
+    return ".mp4" if find_spec("imageio_ffmpeg") and find_spec("imageio") else ".gif"
+
+
+def require_video() -> Any:
+    """Return imageio, which writes an ``.mp4``.
+
+    Raises:
+        MissingExtraError: it or its encoder is not installed.
+    """
+    require("imageio_ffmpeg", "video")
+    return require("imageio.v2", "video")
+
+
+def _write_mp4(scenes: Scenes, path: Path) -> None:
+    with require_video().get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
+        for scene in scenes:
+            video.append_data(scene)
+
+
+def _write_gif(scenes: Scenes, path: Path) -> None:
+    first, *rest = map(Image.fromarray, scenes)
+    milliseconds = 1000 // FRAMES_PER_SECOND
+    first.save(path, save_all=True, append_images=rest, duration=milliseconds, loop=0)
+
 
 CPU_S_PER_PICTURE = 0.02
 """Seconds of one core for a control step and its picture, for an estimate of the time."""

@@ -20,7 +20,7 @@ from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.problems import Findings, Problem
+from minitouch_bench.verification.static_check import Findings, Problem
 
 
 def replay_run(

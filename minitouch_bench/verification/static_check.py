@@ -1,17 +1,27 @@
-"""A run checked by itself: its plan, its episodes, and all that follows from them.
+"""What a check finds, and a run checked by itself: its plan, its episodes, what follows from them.
 
 No episode is played. What ``run.json`` says is computed again from its episodes and compared.
 """
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import islice
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
-from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, episode_key
-from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, Role, episode_key
+from minitouch_bench.errors import (
+    PolicyError,
+    RunDirectoryError,
+    UnreadableFileError,
+    UsageError,
+    printable,
+)
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
@@ -20,8 +30,124 @@ from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL, SUITE_NAMES
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import NAMED, Run, RunHeader, run_json, why_unofficial
-from minitouch_bench.verification.problems import Problem, compare_values
+from minitouch_bench.runs.run import NAMED, Run, RunHeader, make_header, run_json
+
+# What a check finds
+
+SHOWN_CHARACTERS = 400
+"""Characters of one part of a problem; a stranger's text never fills the screen."""
+
+NEARLY_ZERO = 1e-12
+"""Two smaller estimates are equal: a difference of means leaves such a rest."""
+VALUE_CHARACTERS = 60
+"""Characters of a value in a difference."""
+ROUNDING = 1e-9
+"""Relative difference of an estimate that another processor's arithmetic explains."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One problem: the file or key, what is wrong there, and what to do about it.
+
+    ``place`` is "" for the whole directory.
+    ``is_other_protocol``: the run is of another protocol, which is no mistake of its maker.
+    ``is_unchecked``: a file could not be read here, so that nothing is known of it.
+    """
+
+    place: str
+    what: str
+    remedy: str = ""
+    is_other_protocol: bool = False
+    is_unchecked: bool = False
+
+    def __str__(self) -> str:
+        place = f"{_shown(self.place)}: " if self.place else ""
+        remedy = f"; {_shown(self.remedy)}" if self.remedy else ""
+        return f"{place}{_shown(self.what)}{remedy}"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a check found: its problems, and how many episodes it played.
+
+    ``replayed``: from their recorded actions; ``reran``: with the checkpoint.
+    """
+
+    problems: tuple[Problem, ...] = ()
+    replayed: int = 0
+    reran: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything is as recorded."""
+        return not self.problems
+
+
+class Problems:
+    """The problems found so far; a check goes on after the first one."""
+
+    def __init__(self) -> None:
+        self._found: dict[Problem, None] = {}
+
+    def __iter__(self) -> Iterator[Problem]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def add(self, place: str, what: str, remedy: str = "", *, unchecked: bool = False) -> None:
+        """Keep a problem; equal ones count once."""
+        self._found[Problem(place, what, remedy, is_unchecked=unchecked)] = None
+
+    def add_below(self, place: str, problems: Iterable[Problem], remedy: str = "") -> None:
+        """Keep the problems of something that lies at ``place``, with a remedy of all."""
+        for one in problems:
+            moved = replace(one, place=f"{place}, {one.place}", remedy=remedy or one.remedy)
+            self._found[moved] = None
+
+    @contextmanager
+    def caught(self, place: str, remedy: str = "") -> Iterator[None]:
+        """Keep what the block's errors say of files and policies, and go on; other errors pass."""
+        try:
+            yield
+        except UnreadableFileError as error:
+            self.add(place, str(error), unchecked=True)
+        except (UsageError, PolicyError, RunDirectoryError) as error:
+            self.add(place, str(error).replace("\n", " "), remedy)
+
+
+def _shown(text: str, longest: int = SHOWN_CHARACTERS) -> str:
+    plain = printable(text)
+    return plain if len(plain) <= longest else f"{plain[:longest]}…"
+
+
+def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]:
+    """Yield each place where two JSON values differ; estimates may differ by ROUNDING."""
+    if isinstance(recorded, Mapping) and isinstance(computed, Mapping):
+        for key in dict.fromkeys([*recorded, *computed]):
+            inner = f"{path}.{key}" if path else str(key)
+            if key not in recorded or key not in computed:
+                yield Problem(inner, "missing" if key in computed else "should not be there")
+            else:
+                yield from compare_values(inner, recorded[key], computed[key])
+    elif isinstance(recorded, list | tuple) and isinstance(computed, list | tuple):
+        if len(recorded) != len(computed):
+            yield Problem(path, f"{len(recorded)} entries recorded, {len(computed)} found")
+        else:
+            for index, pair in enumerate(zip(recorded, computed, strict=True)):
+                yield from compare_values(f"{path}[{index}]", *pair)
+    elif not _equal(recorded, computed):
+        then, now = (_shown(repr(value), VALUE_CHARACTERS) for value in (recorded, computed))
+        yield Problem(path, f"{then} recorded, {now} found")
+
+
+def _equal(recorded: Any, computed: Any) -> bool:
+    if isinstance(recorded, float) and isinstance(computed, float):
+        return math.isclose(recorded, computed, rel_tol=ROUNDING, abs_tol=NEARLY_ZERO)
+    return bool(recorded == computed)
+
+
+# The check of a run
 
 IDENTITY = ("seed", "shape", "family", "split")
 """What the suite fixes of an episode, beside its task and index."""
@@ -82,23 +208,11 @@ def _settings(header: RunHeader) -> Iterator[Problem]:
     if name:
         yield Problem(f"header.plan.{name}", mistake, RUN_AGAIN)
         return
-    reasons = why_unofficial(header.plan, header.policy, header.exploration, header.isolation)
-    if header.unofficial_because != reasons:
-        given, right = (
-            "; ".join(listed) or "none" for listed in (header.unofficial_because, reasons)
-        )
-        what = f"the reasons given are {given}, the plan gives {right}"
-        yield Problem("header.unofficial_because", what, AS_WRITTEN)
-    if header.official == bool(reasons):
-        yield Problem("header.official", f"it is {header.official}", AS_WRITTEN)
-    if header.protocol != PROTOCOL.name:
-        yield Problem("header.protocol", f"it is not {PROTOCOL.name}", AS_WRITTEN)
-    if header.protocol_digest != PROTOCOL.digest():
-        yield Problem("header.protocol_digest", f"it is not that of {PROTOCOL.name}", AS_WRITTEN)
+    expected = make_header(header.plan, header.policy, header.exploration, header.isolation)
+    for difference in compare_values("header", plain(header), plain(expected)):
+        yield replace(difference, remedy=AS_WRITTEN)
     if what := _isolation_mistake(header):
         yield Problem("header.isolation", what, AS_WRITTEN)
-    if header.task_digests.keys() != set(header.plan.tasks):
-        yield Problem("header.task_digests", "they are not of the plan's tasks", AS_WRITTEN)
 
 
 def _isolation_mistake(header: RunHeader) -> str:
@@ -114,43 +228,40 @@ def _isolation_mistake(header: RunHeader) -> str:
 
 
 def _episodes(run: Run) -> Iterator[Problem]:
-    """Compare the rows of both roles with the episodes of the plan."""
+    """Compare the rows of both roles with the episodes of the plan, in their order."""
     specs = run.header.specs()
     for role, rows in run.by_role():
-        planned = {(spec.task, spec.index): spec for spec in specs if spec.role is role}
-        counts = Counter((row.task, row.index) for row in rows)
-        missing = [spec.key for key, spec in planned.items() if key not in counts]
-        twice = [episode_key(role, *key) for key, count in counts.items() if count > 1]
-        unknown = [episode_key(role, *key) for key in counts if key not in planned]
-        yield from _named(missing, "missing", "evaluate the whole suite")
-        yield from _named(twice, "there twice", AS_WRITTEN)
-        yield from _named(unknown, "not of the suite", AS_WRITTEN)
-        if not (missing or twice or unknown):
-            yield from _in_order(rows, tuple(planned.values()))
+        planned = [spec for spec in specs if spec.role is role]
+        wanted, found = (Counter((one.task, one.index) for one in of) for of in (planned, rows))
+        missing, others = wanted - found, found - wanted
+        yield from _named(role, [*missing], "missing", "evaluate the whole suite")
+        yield from _named(role, [*others], "there twice, or not of the suite", AS_WRITTEN)
+        if not (missing or others):
+            yield from _in_order(role, rows, planned)
 
 
-def _in_order(rows: Sequence[Episode], planned: Sequence[EpisodeSpec]) -> Iterator[Problem]:
+def _in_order(
+    role: Role, rows: Sequence[Episode], planned: Sequence[EpisodeSpec]
+) -> Iterator[Problem]:
     """Compare the rows, each of which is there once, with their order and what each must be."""
-    moved = [
-        spec.key
-        for row, spec in zip(rows, planned, strict=True)
-        if (row.task, row.index) != (spec.task, spec.index)
-    ]
-    if moved:
-        yield from _named(moved, "not in the suite's order", AS_WRITTEN)
-        return
-    for name in IDENTITY:
-        other = [
-            spec.key
-            for row, spec in zip(rows, planned, strict=True)
-            if getattr(row, name) != getattr(spec, name)
-        ]
-        yield from _named(other, f"with another {name} than the suite's", RUN_AGAIN)
+    pairs = [*zip(rows, planned, strict=True)]
+    for what, names, remedy in (
+        ("not in the suite's order", ("task", "index"), AS_WRITTEN),
+        *((f"with another {name} than the suite's", (name,), RUN_AGAIN) for name in IDENTITY),
+    ):
+        same = attrgetter(*names)
+        other = [(spec.task, spec.index) for row, spec in pairs if same(row) != same(spec)]
+        yield from _named(role, other, what, remedy)
+        if other:
+            return
 
 
-def _named(keys: Sequence[str], what: str, remedy: str) -> Iterator[Problem]:
+def _named(
+    role: Role, episodes: Sequence[tuple[str, int]], what: str, remedy: str
+) -> Iterator[Problem]:
     """Name the first few episodes that share a problem, and count the rest."""
-    if keys:
+    if episodes:
+        keys = [episode_key(role, *episode) for episode in episodes]
         count = f"{len(keys)} episode{'s are' if len(keys) > 1 else ' is'} {what}"
         yield Problem(keys[0], f"{count}: {first_of(keys, NAMED)}", remedy)
 

@@ -16,7 +16,7 @@ from minitouch_bench.commands.leaderboard import app, build
 from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.leaderboard.board import LeftOut, make_board
 from minitouch_bench.leaderboard.validation import SubmissionFindings
-from minitouch_bench.verification.problems import Problem
+from minitouch_bench.verification.static_check import Problem
 from tests.commands.command import COMMAND, run
 from tests.leaderboard.synthetic import make_submission
 

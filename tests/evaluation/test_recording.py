@@ -6,7 +6,7 @@ from PIL import Image
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.evaluation.recording import film_episode, write_video
+from minitouch_bench.verification.filming import film_episode, write_video
 
 
 @pytest.fixture(scope="module")

@@ -39,8 +39,8 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS, TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
-from minitouch_bench.reporting.episode_browser import Ending
 from minitouch_bench.reporting.labels import estimate_cell
+from minitouch_bench.reporting.pages import Ending
 from minitouch_bench.reporting.report import TABLE_FORMATS, build_report
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission

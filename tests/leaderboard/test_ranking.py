@@ -13,7 +13,7 @@ from minitouch_bench.leaderboard.ranking import (
     seeds_to_decide,
     share_p_values,
 )
-from minitouch_bench.metrics.seeds import mean_differences, mean_p_values
+from minitouch_bench.metrics.intervals import mean_differences, mean_p_values
 from minitouch_bench.metrics.statistics import holm
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 

@@ -22,7 +22,7 @@ from minitouch_bench.leaderboard.submission import (
     check_submission,
     read_submission,
 )
-from minitouch_bench.verification.problems import Problems
+from minitouch_bench.verification.static_check import Problems
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
 ROOT = Path(__file__).parents[2]

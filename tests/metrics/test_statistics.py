@@ -214,8 +214,8 @@ def coverage(n, lost_rate, won_rate):
     """The chance, summed over all outcomes, that the interval holds the truth."""
     total = 0.0
     for lost, chance in enumerate(stats.binom.pmf(np.arange(n + 1), n, lost_rate)):
-        won = np.arange(n - lost + 1.0)
-        statistic = score_statistic(np.full_like(won, lost), won, n, won_rate - lost_rate)
+        won = np.arange(n - lost + 1)
+        statistic = [score_statistic(lost, int(one), n, won_rate - lost_rate) for one in won]
         inside = np.abs(statistic) <= NORMAL_QUANTILE
         rest = stats.binom.pmf(won, n - lost, won_rate / (1 - lost_rate))
         total += chance * rest[inside].sum()

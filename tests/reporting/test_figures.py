@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.reporting.charts import Bar, Dot
 from minitouch_bench.reporting.figures import report_figures, split_figures, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
-from minitouch_bench.runs.forces import ForceStep
+from minitouch_bench.runs.actions import ForceStep
 
 
 def parts(*runs):

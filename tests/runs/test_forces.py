@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from minitouch_bench.runs.forces import force_curves, read_forces, write_forces
+from minitouch_bench.runs.actions import force_curves, read_forces, write_forces
 from minitouch_bench.simulation.observation import FORCES
 from tests.reporting.synthetic import make_run, write
 
@@ -17,7 +17,7 @@ def played():
 @pytest.fixture
 def kept(played, tmp_path):
     run = write(played, tmp_path)
-    write_forces(run, played.records, tmp_path)
+    write_forces(run.digest, played.records, tmp_path)
     return run
 
 
@@ -33,7 +33,7 @@ def test_quartiles_of_the_larger_finger_over_the_episodes_that_reached_a_step(pl
 
 
 def test_the_file_is_a_table_that_reads_back(kept, played, tmp_path):
-    assert read_forces(kept, tmp_path) == force_curves(played.records)
+    assert read_forces(kept.digest, tmp_path) == force_curves(played.records)
     frame = pd.read_csv(tmp_path / "forces.csv")
     assert set(frame["task"]) == {"pushing", "playing"}
     assert frame["run"].unique().tolist() == [kept.digest[:12]]
@@ -52,6 +52,6 @@ def test_what_is_not_of_this_run_or_damaged_is_not_drawn(kept, tmp_path, content
     header = (tmp_path / "forces.csv").read_text().splitlines()[0]
     rows = content.replace("{run}", kept.digest[:12])
     (tmp_path / "forces.csv").write_text(f"{header}\n{rows}" if "pushing" in rows else rows)
-    assert read_forces(kept, tmp_path) == {}
+    assert read_forces(kept.digest, tmp_path) == {}
     (tmp_path / "forces.csv").unlink()
-    assert read_forces(kept, tmp_path) == {}
+    assert read_forces(kept.digest, tmp_path) == {}

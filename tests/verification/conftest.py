@@ -8,9 +8,8 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.run import run_json
-from minitouch_bench.verification.problems import Findings
 from minitouch_bench.verification.replay_check import replay_run
-from minitouch_bench.verification.static_check import check_run
+from minitouch_bench.verification.static_check import Findings, check_run
 from tests.evaluation.runs import request, run
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")

@@ -8,10 +8,9 @@ import pytest
 
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.evaluation.recording import film_episode
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.filming import film_run
+from minitouch_bench.verification.filming import film_episode, film_run
 from tests.leaderboard.browser import CHROMIUM, Browser
 
 HAC = Path("submissions/hac/seed-0/table4")

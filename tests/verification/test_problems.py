@@ -1,7 +1,7 @@
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UnreadableFileError, UsageError
-from minitouch_bench.verification.problems import Problem, Problems, compare_values
+from minitouch_bench.verification.static_check import Problem, Problems, compare_values
 
 
 def test_what_a_stranger_wrote_reaches_no_terminal_and_stays_short():

@@ -106,7 +106,7 @@ def first_task(document):
 )
 def test_nothing_else_of_the_document_can_be_edited(copy, change, place):
     edit_document(copy / "run.json", change)
-    assert place in places(copy)
+    assert any(found.startswith(place) for found in places(copy))
 
 
 def swap(actions):
