@@ -25,7 +25,7 @@ from minitouch_bench.policies.process import effective_level, isolate, try_polic
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
@@ -171,16 +171,6 @@ def _find_policy(
     level = effective_level(source, isolation.level)
     if source.kind == "remote" and level is not isolation.level:
         note(f"a policy server needs the network: its client has isolation {level}")
-    if (
-        source.name in TASK_NAMES
-        and source.digest
-        and not source.parts
-        and {*tasks} - {source.name}
-    ):
-        note(
-            f"{source.target} is named after {source.name} and plays {', '.join(tasks)}: "
-            "choose --tasks, or give a directory with a file for each task"
-        )
     for warning in try_policy(source, tasks, isolation):
         note(warning)
     return source

@@ -4,7 +4,6 @@ Its actions are replayed, and sampled and fresh episodes are run with its checkp
 """
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -46,14 +45,6 @@ RERUN_EPISODES, FRESH_EPISODES = 20, 50
 
 TIME_LIMIT_S = 5 * 3600.0
 """How long a proof may take: a policy may use minutes in each episode."""
-
-SLOWER = 5.0
-"""How many times as long as an official control step a fresh one takes with a policy that is slow
-on purpose, to end the check before its fresh episodes are played."""
-
-
-class OutOfTimeError(IncompleteCheckError):
-    """The proof takes longer than TIME_LIMIT_S."""
 
 
 def count_episodes(found: SubmissionFindings) -> int:
@@ -125,18 +116,14 @@ def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
 
 
 def _values(
-    run: Run, specs: Sequence[EpisodeSpec], records: Sequence[PlayedEpisode]
+    run: Run, records: Sequence[PlayedEpisode]
 ) -> Iterator[tuple[tuple[Role, str], Values]]:
-    """Yield by role and task what ranks: officially, and in fresh episodes.
-
-    Those that were not played are failed ones: 0 is the lowest value of both ranking metrics.
-    """
+    """Yield by role and task what ranks: officially, and in fresh episodes."""
     official = dict(run.by_role())
-    for (role, task), number in Counter((spec.role, spec.task) for spec in specs).items():
+    for role, task in dict.fromkeys((one.spec.role, one.spec.task) for one in records):
         known = [row for row in official[role] if row.task == task]
         rows = [measure(one) for one in records if (one.spec.role, one.spec.task) == (role, task)]
-        values = Values.of(task, known, rows)
-        yield (role, task), replace(values, fresh=values.fresh + (0.0,) * (number - len(rows)))
+        yield (role, task), Values.of(task, known, rows)
 
 
 @dataclass
@@ -155,10 +142,7 @@ class Prover:
     problems: Problems = field(default_factory=Problems)
 
     def __post_init__(self) -> None:
-        self._since = time.monotonic()
-        self._end = self._since + self.time_limit_s
-        self._steps = 0
-        self._official_pace = 0.0
+        self._end = time.monotonic() + self.time_limit_s
 
     def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
@@ -167,7 +151,6 @@ class Prover:
                 found = replay_check.replay_run(run, self.engine, self._take)
                 remedy = "the recorded actions do not give these values"
                 self.problems.add_below(place, found.problems, remedy)
-        self._pace()
 
     def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
@@ -182,14 +165,12 @@ class Prover:
                 found = replay_check.run_again(run, setup, specs, self.engine, self._take)
                 remedy = "the checkpoint does not act as recorded"
                 self.problems.add_below(place, found.problems, remedy)
-        self._official_pace = self._pace()
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
         A significant drop is a problem. An episode that ends by a policy fault is a failed one; to
-        find a machine that is too slow, call ``run_again`` first. Where the time is up because the
-        policy is slower than in official episodes, those that are not played are failed ones too.
+        find a machine that is too slow, call ``run_again`` first.
 
         Raises:
             IncompleteCheckError: the time is up.
@@ -197,34 +178,22 @@ class Prover:
         seeds: dict[str, int] = {}
         results: dict[str, tuple[FreshResult, ...]] = {}
         groups: dict[Group, list[Values]] = {}
-        late: OutOfTimeError | None = None
         failed: list[str] = []
         for seed, place, run in self._runs():
             records: list[PlayedEpisode] = []
             seeds[place] = fresh_seed(run.header.policy.digest, draw)
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
-                setup = self._setup(seed, run)
-                try:
-                    for record in self.engine.run(setup, specs):
-                        records.append(record)
-                        self._take(record)
-                except OutOfTimeError as error:
-                    if self._pace() < SLOWER * self._official_pace:
-                        raise
-                    late = error
+                for record in self.engine.run(self._setup(seed, run), specs):
+                    records.append(record)
+                    self._take(record)
                 failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
-                values = dict(_values(run, specs, records))
+                values = dict(_values(run, records))
                 results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())
                 for (role, task), one in values.items():
                     groups.setdefault((role, run.plan.suite, task), []).append(one)
-            if late is not None:
-                failed.append(f"{place}: {len(specs) - len(records)} are not played in time")
-                break
         if not self.problems:
             self._add_drops(results, groups, failed)
-        if late is not None and not self.problems:
-            raise late
         return FreshProof(draw, count, seeds, results)
 
     def _add_drops(
@@ -259,18 +228,11 @@ class Prover:
         """Pass an episode on.
 
         Raises:
-            OutOfTimeError: it is a late one.
+            IncompleteCheckError: the time is up.
         """
         self.on_record(record)
-        self._steps += len(record.trace.actions)
         if time.monotonic() > self._end:
-            raise OutOfTimeError(f"the proof was not finished within {self.time_limit_s:g} s")
-
-    def _pace(self) -> float:
-        """Return the seconds of a control step since the last call, all that is around included."""
-        now, steps = time.monotonic(), max(1, self._steps)
-        seconds, self._since, self._steps = now - self._since, now, 0
-        return seconds / steps
+            raise IncompleteCheckError(f"the proof was not finished within {self.time_limit_s:g} s")
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         """Find a run's policies in the submission.

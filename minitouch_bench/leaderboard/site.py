@@ -3,14 +3,11 @@
 The site is an index and a page per submission, each complete in itself.
 """
 
-import math
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-
-from markupsafe import Markup
 
 from minitouch_bench import files
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
@@ -22,7 +19,6 @@ from minitouch_bench.leaderboard.board import (
     TOUCH_METRICS,
     Board,
     BoardRow,
-    amount,
     make_board,
 )
 from minitouch_bench.leaderboard.proof import (
@@ -32,7 +28,7 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     read_proof,
 )
-from minitouch_bench.leaderboard.ranking import MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
+from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import (
     BOARD_GOALS,
     BOARD_TASKS,
@@ -43,15 +39,14 @@ from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.reporting import charts, labels, tables
-from minitouch_bench.reporting.charts import Figure, Plot
+from minitouch_bench.reporting import labels, tables
+from minitouch_bench.reporting.charts import Figure
 from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.pages import (
     PICTURES,
     BrowsedRun,
     Card,
-    Ending,
     browser_data,
     ending_of,
     make_card,
@@ -59,15 +54,11 @@ from minitouch_bench.reporting.pages import (
 )
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.report_tables import gap_cells
-from minitouch_bench.reporting.svg import draw_share_bar
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
 
 TEMPLATES = Path(__file__).parent / "templates"
 STYLES = ("board.css",)
-
-WIDE, NARROW = 1124, 340
-"""Widths of the plot of all submissions, on a desk and on a phone."""
 
 BOARD_FILE = "leaderboard.json"
 
@@ -186,39 +177,7 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
         notes=views.notes(),
         tasks=len(suite.tasks),
         episodes=len(suite.tasks) * suite.episodes_per_task,
-        efficiency=efficiency_plot(board),
-        widths=(("wide", WIDE), ("narrow", NARROW)),
     )
-
-
-def efficiency_plot(board: Board) -> Plot | None:
-    """Draw mean success against training steps, logarithmic; None where no two rows differ."""
-    trained = [row for row in board.ranked if row.training_steps > 0]
-    if len({row.training_steps for row in trained}) < 2:
-        return None
-    marks: list[charts.Mark] = []
-    powers = [math.log10(row.training_steps) for row in trained]
-    for power, row in zip(powers, trained, strict=True):
-        mean, learned = row.figures[OVERALL][MEAN_SUCCESS], row.learned_in(OVERALL)
-        said = f"{row.name}: {mean.value:.3f} after {amount(row.training_steps)} control steps"
-        marks += (
-            charts.Line(((power, mean.low), (power, mean.high)), "series-0", 1.5, 0.45),
-            charts.Dot(
-                power,
-                mean.value,
-                "series-0",
-                size=10,
-                label=row.name,
-                link=f"{PAGES}/{row.name}.html",
-                title=f"{said}, {learned}" if learned else said,
-            ),
-        )
-    first = math.floor(min(powers))
-    last = max(math.ceil(max(powers)), first + 1)
-    ticks = tuple(charts.Tick(power, amount(10**power)) for power in range(first, last + 1))
-    axis = charts.Axis("Control steps of the whole training", first, last, ticks)
-    chart = charts.Chart(axis, charts.share_axis("Mean success"), tuple(marks), 270)
-    return Plot("", "Mean success against training steps", (chart,))
 
 
 # The page of a submission
@@ -248,8 +207,6 @@ def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> s
         level=list(ProofLevel).index(row.proof),
         meaning=MEANINGS[row.proof],
         cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
-        legend=ending_legend(chain(*row.endings.values())),
-        bars=tuple((task_title(task), _ending_bar(row, task)) for task in BOARD_TASKS),
         values=_values(row),
         gaps=_gaps(row) if row.novel_shapes else None,
         figures=submission_figures(found),
@@ -281,13 +238,6 @@ def _card(row: BoardRow, task: str, rank: str) -> Card:
     card = make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
     (value,) = card.values
     return replace(card, values=(replace(value, cell=views.with_learned(value.cell, row, task)),))
-
-
-def _ending_bar(row: BoardRow, task: str) -> Markup:
-    counts = row.endings[task]
-    text = ", ".join(f"{ending} {count}" for ending, count in counts.items())
-    parts = [(ending.tone, ending.value, counts.get(ending, 0)) for ending in Ending]
-    return draw_share_bar(parts, f"{task_title(task)}: {text}")
 
 
 def _values(row: BoardRow) -> Table:
@@ -333,15 +283,17 @@ def _faults(runs: Mapping[str, Run]) -> Mapping[str, Sequence[str]]:
 def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
     """Return how long a submission's episodes last, and its touch over time."""
     several = "; a line per training seed" if len(found.submission.seeds) > 1 else ""
+    played = {task: [*chain(*found.episodes(task))] for task in BOARD_GOALS}
     return (
         Figure(
             "episode-steps",
             "How long episodes last",
             "Share of the episodes by number of control steps, and by how they ended.",
             tuple(
-                steps_plot(task, {"": steps_by_ending(list(chain(*found.episodes(task))))})
-                for task in BOARD_GOALS
+                steps_plot(task, {"": steps_by_ending(episodes)})
+                for task, episodes in played.items()
             ),
+            ending_legend(map(ending_of, chain(*played.values()))),
         ),
         Figure(
             "touch-over-time",

@@ -52,9 +52,6 @@ RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
 """What the calibration policies look at."""
 
 KINDS = (*FORMATS, "scripted", DIRECTORY)
-MAX_TEXT = 1000
-MAX_NAMED = 50
-"""Packages, or facts of the machine, that an honest run may name."""
 
 COPIED_SHARE = 0.5
 """Share of equal episodes that makes a run a copy of another: two trainings have none."""
@@ -209,7 +206,6 @@ def _check_run(
         reasons = "; ".join(header.unofficial_because)
         problems.add(path, f"it is unofficial: {reasons}", f"evaluate the whole suite {suite}")
         return
-    _check_texts(run, path, problems)
     with problems.caught(path, AS_WRITTEN):
         found = check_run(run, recompute=recompute)
         problems.add_below(path, found)
@@ -244,22 +240,6 @@ def _check_policy(
         what = f"the policy '{policy.name}' is not the checkpoints of submission.toml: "
         remedy = "name the files that were evaluated, with their SHA-256"
         problems.add(path, f"{what}their SHA-256 differ", remedy)
-
-
-def _check_texts(run: Run, path: str, problems: Problems) -> None:
-    """Refuse texts beyond any honest length; all are escaped wherever they are shown."""
-    environment = run.environment
-    texts = [run.header.protocol_digest, environment.started, *run.faults.values()]
-    for policy in run.header.policies():
-        texts += (policy.name, policy.source)
-    for named in (environment.packages, environment.machine):
-        texts += [*named.keys(), *named.values()]
-        if len(named) > MAX_NAMED:
-            problems.add(path, f"its environment names {len(named)} things", AS_WRITTEN)
-    longest = max(map(len, texts))
-    if longest > MAX_TEXT:
-        what = f"a text in it has {longest} characters; the limit is {MAX_TEXT}"
-        problems.add(path, what, AS_WRITTEN)
 
 
 def _check_about(

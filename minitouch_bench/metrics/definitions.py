@@ -13,7 +13,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -97,12 +96,6 @@ class Metric:
     shown_in: frozenset[ShownIn] = frozenset()
     task_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     task_directions: Mapping[str, str] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.statistic, Statistic):
-            raise TypeError(f"the metric {self.name} has no statistic: {self.statistic!r}")
-        if self.added_later and self.measure is not None:
-            raise ValueError(f"stored episodes do not hold what {self.name} measures")
 
     def value(self, episode: Episode) -> Value:
         """Return the metric's value in one episode; a share's is true or false."""
@@ -343,24 +336,8 @@ _TABLE = (
 )
 # fmt: on
 
-_BY_NAME = {metric.name: metric for metric in _TABLE}
-
-METRICS: Mapping[str, Metric] = MappingProxyType(_BY_NAME)
+METRICS: Mapping[str, Metric] = {metric.name: metric for metric in _TABLE}
 """The metrics by name, in the order of every table."""
-
-
-def register_metric(metric: Metric) -> None:
-    """Add a derived metric to those of the table, for a program that shows one more.
-
-    The tables' columns are fixed when their modules are imported: register it before anything
-    else of the package.
-
-    Raises:
-        ValueError: a metric of this name exists, or it measures what no episode holds.
-    """
-    if metric.name in METRICS or metric.measure is not None:
-        raise ValueError(f"{metric.name} is not a new derived metric")
-    _BY_NAME[metric.name] = metric
 
 
 def metrics_shown_in(table: ShownIn, task: str | None = None) -> tuple[str, ...]:

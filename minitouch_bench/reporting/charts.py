@@ -62,7 +62,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Dot:
-    """A point; ``label`` stands behind it, ``link`` is where a click leads."""
+    """A point; ``size``: its height, drawing units."""
 
     x: float
     y: float
@@ -70,9 +70,6 @@ class Dot:
     shape: MarkShape = "circle"
     size: float = 8.0
     is_hollow: bool = False
-    label: str = ""
-    link: str = ""
-    title: str = ""
 
 
 Mark = Line | Bar | Band | Dot
@@ -187,19 +184,14 @@ def _round_step(least: float) -> float:
 # Marks
 
 
-def run_dot(index: int, x: float, row: float, *, size: float, is_hollow: bool = False) -> Dot:
-    """Return the dot of the run at ``index``, which has a color and a shape of its own."""
-    return Dot(x, row, series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)], size, is_hollow)
-
-
 def estimate_marks(
     index: int, row: float, estimate: Estimate, *, size: float = 8.0, is_hollow: bool = False
 ) -> tuple[Line, Dot]:
     """Return an estimate of the run at ``index`` in a row: its interval, and the run's dot."""
-    interval = ((estimate.low, row), (estimate.high, row))
+    tone, shape = series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)]
     return (
-        Line(interval, series_tone(index), 2.2, 0.6),
-        run_dot(index, estimate.value, row, size=size, is_hollow=is_hollow),
+        Line(((estimate.low, row), (estimate.high, row)), tone, 2.2, 0.6),
+        Dot(estimate.value, row, tone, shape, size, is_hollow),
     )
 
 
@@ -207,20 +199,11 @@ def estimate_marks(
 
 
 def short_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Shorten names to fit beside a chart, at the end or in the middle; they stay different."""
-    for kept in (LONGEST_NAME - 1, LONGEST_NAME // 2 - 1, LONGEST_NAME // 4, 0):
-        short = [_elided(name, kept, LONGEST_NAME) for name in names]
-        if len(set(short)) == len(set(names)):
-            return tuple(short)
-    room = LONGEST_NAME - 3
+    """Shorten names to fit beside a chart; they stay different, by their numbers if need be."""
+    short = [n if len(n) <= LONGEST_NAME else f"{n[: LONGEST_NAME - 1]}…" for n in names]
+    if len(set(short)) == len(set(names)):
+        return tuple(short)
     return tuple(
-        f"{_elided(name, room - 1, room)} {index}" for index, name in enumerate(names, start=1)
+        name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 4]}… {number}"
+        for number, name in enumerate(names, start=1)
     )
-
-
-def _elided(name: str, kept: int, longest: int) -> str:
-    """Return the name with its first ``kept`` and its last characters, ``longest`` in all."""
-    if len(name) <= longest:
-        return name
-    tail = longest - 1 - kept
-    return f"{name[:kept]}…{name[len(name) - tail :] if tail else ''}"

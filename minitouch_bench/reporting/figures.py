@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode
-from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels
 from minitouch_bench.reporting.charts import (
@@ -39,9 +37,6 @@ FEW = 0.1
 
 SPLIT_OFFSET = 0.17
 """Half the distance between the held-out and the train mark of a row, rows."""
-
-FAMILY_HEIGHT = 0.7
-"""Share of a family's row that its runs take."""
 
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""
@@ -94,7 +89,7 @@ def ending_legend(endings: Iterable[Ending]) -> tuple[LegendItem, ...]:
 
 
 def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
-    """Return held-out beside train shapes, as in the paper's Figure 11, and the families."""
+    """Return held-out beside train shapes, as in the paper's Figure 11."""
     compared = {
         result.task for section in sections for result in section.run.summary.generalization
     }
@@ -120,13 +115,6 @@ def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple
             "Held-out beside train shapes",
             "Each with its 95 % interval, in the manner of the paper's Figure 11.",
             tuple(_split_plot(task, metric, sections) for task, metric in pairs),
-            legend,
-        ),
-        Figure(
-            "families",
-            "Families of shapes",
-            "Success, in Playing touch share, by family. A ring around a dot: no difference.",
-            tuple(_family_plot(task, sections) for task in tasks),
             legend,
         ),
     )
@@ -312,37 +300,3 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
     rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
     chart = Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
     return Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
-
-
-def _family_plot(task: str, sections: Sequence[RunSection]) -> Plot:
-    """Draw each family's value on held-out (filled) and train shapes (hollow)."""
-    results = [find_generalization(section.run, task) for section in sections]
-    compared = [result for result in results if result is not None]
-    families = sorted({family for result in compared for family in result.families})
-    # The runs of a family stand close together, so that the families stay apart.
-    offsets = (np.arange(len(sections)) - (len(sections) - 1) / 2) * FAMILY_HEIGHT / len(sections)
-    marks: list[Mark] = []
-    highest = [0.0]
-    for index, result in enumerate(results):
-        for line, family in enumerate(families):
-            if both := result.families.get(family) if result else None:
-                row = line + float(offsets[index])
-                marks += _family_marks(index, row, both.held_out, both.train)
-                highest += [estimate.value for estimate in (both.held_out, both.train) if estimate]
-    rows = charts.name_axis(charts.short_names([printable(family) for family in families]))
-    x = _metric_axis(task, compared[0].family_metric, highest)
-    chart = Chart(x, rows, tuple(marks), (8 + 12 * len(sections)) * len(families))
-    return Plot(task_title(task), f"{task_title(task)}: each family on each split", (chart,))
-
-
-def _family_marks(
-    index: int, row: float, held_out: Estimate | None, train: Estimate | None
-) -> Iterator[Mark]:
-    """Mark a family's two values, joined by a line; a ring around a dot means equal."""
-    if held_out is not None and train is not None:
-        points = ((held_out.value, row), (train.value, row))
-        yield Line(points, series_tone(index), 1.2, 0.4)
-    if train is not None:
-        yield charts.run_dot(index, train.value, row, size=9, is_hollow=True)
-    if held_out is not None:
-        yield charts.run_dot(index, held_out.value, row, size=5)

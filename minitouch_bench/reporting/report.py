@@ -33,7 +33,7 @@ from minitouch_bench.reporting.pages import (
     relative_address,
     render_page,
 )
-from minitouch_bench.reporting.tables import Block, Cell, Column, Row, Table
+from minitouch_bench.reporting.tables import Block, Table
 from minitouch_bench.runs.actions import ForceCurves, read_forces
 from minitouch_bench.runs.run import Run
 
@@ -223,8 +223,6 @@ def report_blocks(report: Report) -> Iterator[Block]:
         for group, _ in table.groups:
             yield replace(table.block(group), title=f"{table.title}: {group}")
         yield from _notes(table)
-    yield from _by_policy(report.diagnostics)
-    yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
     yield from (line for section in report.sections for line in labels.fault_lines(section))
@@ -233,24 +231,6 @@ def report_blocks(report: Report) -> Iterator[Block]:
 def _notes(table: Table) -> Iterator[Block]:
     yield from map(tables.NoteBlock, table.notes)
     yield ""
-
-
-def _by_policy(table: Table) -> Iterator[Table]:
-    """Turn the diagnostics on their side, a table per policy: metrics down, tasks across."""
-    for policy in dict.fromkeys(row.heads[-1] for row in table.rows):
-        rows = [row for row in table.rows if row.heads[-1] == policy]
-        yield Table(
-            title=f"{table.title}: {policy}",
-            corner=("",),
-            columns=tuple(Column(row.heads[0], is_text=True) for row in rows),
-            rows=tuple(
-                Row(
-                    (f"{column.label} ({column.unit})" if column.unit else column.label,),
-                    tuple(Cell(row.cells[index].text) for row in rows),
-                )
-                for index, column in enumerate(table.columns)
-            ),
-        )
 
 
 # Table 4 as text
@@ -262,7 +242,10 @@ TABLE4_COLUMNS = (
 
 def table4_markdown(report: Report) -> str:
     """Write Table 4 as Markdown."""
-    return "\n".join(tables.table_section(report.table4)[1:]) + "\n"
+    table = report.table4
+    notes = [f"- {tables.escape_md(note)}" for note in (table.caption, *table.notes) if note]
+    lines = [f"## {tables.escape_md(table.title)}", "", *tables.table_lines(table), "", *notes]
+    return "\n".join(lines) + "\n"
 
 
 def table4_latex(report: Report) -> str:

@@ -66,19 +66,14 @@ def _left_margin(axis: charts.Axis) -> float:
 
 
 def _right_margin(chart: charts.Chart) -> float:
-    """Leave room for half of the last number, and for the labels behind the dots."""
+    """Leave room for half of the last number."""
     last = max(chart.x.ticks, key=lambda tick: tick.at, default=None)
-    room = text_width(last.text) / 2 - PAD if last else 0.0
-    labels = (text_width(mark.label) for mark in chart.marks if isinstance(mark, charts.Dot))
-    return max(2.0, room, *labels)
+    return max(2.0, text_width(last.text) / 2 - PAD) if last else 2.0
 
 
 def _scaled(value: float, axis: charts.Axis, start: float, end: float) -> float:
     return start + (value - axis.low) / (axis.high - axis.low) * (end - start)
 
-
-LEAST_NAMED = 0.07
-"""Share of a bar below which its count does not fit."""
 
 _A, _B = 0.36, 1.05
 _PLUS = (
@@ -96,13 +91,10 @@ _OUTLINES = {
 """Corners of the marks, for a circle of radius 1 beside them."""
 
 
-def draw_plot(plot: charts.Plot, width: int = WIDTH, kind: str = "") -> Markup:
-    """Draw the charts of a plot below each other, on one left edge and one x axis.
-
-    ``kind`` is one more class of the drawing.
-    """
+def draw_plot(plot: charts.Plot) -> Markup:
+    """Draw the charts of a plot below each other, on one left edge and one x axis."""
     left = max(_left_margin(chart.y) for chart in plot.charts)
-    right = width - max(map(_right_margin, plot.charts))
+    right = WIDTH - max(map(_right_margin, plot.charts))
     parts: list[str] = []
     bottom = 4.0 - GAP
     for chart in plot.charts:
@@ -117,33 +109,12 @@ def draw_plot(plot: charts.Plot, width: int = WIDTH, kind: str = "") -> Markup:
     height = bottom + NUMBERS
     if label := plot.charts[-1].x.label:
         half = text_width(label) / 2
-        center = min(max((left + right) / 2, half), width - half)
+        center = min(max((left + right) / 2, half), WIDTH - half)
         parts.append(_text(center, bottom + 31, label, "middle"))
         height += LABEL
     return Markup(
-        f'<svg class="drawing{" " + kind if kind else ""}" viewBox="0 0 {width} {_n(height)}" '
+        f'<svg class="drawing" viewBox="0 0 {WIDTH} {_n(height)}" '
         f'role="img" aria-label="{html.escape(plot.description)}">{"".join(parts)}</svg>'
-    )
-
-
-def draw_share_bar(parts: Sequence[tuple[str, str, int]], description: str) -> Markup:
-    """Draw counts as parts of a bar, in percent of its place; ``parts``: tone, name, count."""
-    total = max(1, sum(count for _, _, count in parts))
-    drawn, x = [], 0.0
-    for tone, name, count in parts:
-        share = 100 * count / total
-        if count:
-            said = html.escape(f"{name}: {count} of {total}")
-            drawn.append(
-                f'<rect class="area {tone}" x="{_n(x)}%" width="{_n(max(share - 0.25, 0.1))}%" '
-                f'height="16" rx="2"><title>{said}</title></rect>'
-            )
-            if share >= 100 * LEAST_NAMED:
-                drawn.append(f'<text x="{_n(x)}%" dx="1" y="27">{count}</text>')
-        x += share
-    return Markup(
-        f'<svg class="drawing bar" role="img" aria-label="{html.escape(description)}">'
-        f"{''.join(drawn)}</svg>"
     )
 
 
@@ -197,17 +168,11 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
 
 
 def _dot(dot: charts.Dot, x: float, y: float) -> str:
-    """Draw a mark about as large as a circle of its size, with its label and its link."""
+    """Draw a mark about as large as a circle of its size."""
     kind, r = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}", dot.size / 2
     if dot.shape == "circle":
-        drawn = f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
-    else:
-        drawn = _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[dot.shape]])
-    if dot.label:
-        drawn += _text(x + dot.size, y + 4, dot.label, "ink")
-    if dot.title:
-        drawn = f"<g><title>{html.escape(dot.title)}</title>{drawn}</g>"
-    return f'<a href="{html.escape(dot.link)}">{drawn}</a>' if dot.link else drawn
+        return f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
+    return _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[dot.shape]])
 
 
 def _path(kind: str, points: Sequence[tuple[float, float]], more: str = "") -> str:

@@ -98,18 +98,11 @@ class Table:
 
     def block(self, group: str) -> "Table":
         """Return one block of columns, without the rows that have no value in it."""
-        block = self._select([column.group == group for column in self.columns])
-        rows = (row for row in block.rows if any(cell.text != ABSENT for cell in row.cells))
-        return replace(block, title=group, rows=tuple(rows))
-
-    def filled_columns(self) -> "Table":
-        """Return the table without the columns that have no value."""
-        columns = zip(*(row.cells for row in self.rows), strict=True)
-        return self._select([any(cell.text != ABSENT for cell in cells) for cells in columns])
-
-    def _select(self, kept: Sequence[bool]) -> "Table":
+        kept = [column.group == group for column in self.columns]
         rows = (replace(row, cells=tuple(compress(row.cells, kept))) for row in self.rows)
-        return replace(self, columns=tuple(compress(self.columns, kept)), rows=tuple(rows))
+        filled = (row for row in rows if any(cell.text != ABSENT for cell in row.cells))
+        columns = tuple(compress(self.columns, kept))
+        return replace(self, title=group, columns=columns, rows=tuple(filled))
 
 
 def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
@@ -202,9 +195,6 @@ def _screen_table(table: Table) -> RichTable:
 
 # Markdown, as GitHub reads it
 
-WIDEST = 20
-"""Columns that fit beside each other."""
-
 _MARKDOWN = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_{}[]<>#|~&$"})
 _LIST_START = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")
 
@@ -236,16 +226,6 @@ def as_markdown(blocks: Iterable[Block]) -> list[str]:
             case _:
                 lines.append(f"- {escape_md(block)}" if block else "")
     return lines
-
-
-def table_section(table: Table) -> list[str]:
-    """Write a table below its title, and its notes below it; of a wide one a table per block."""
-    notes = [f"- {escape_md(note)}" for note in (table.caption, *table.notes) if note]
-    blocks = [table]
-    if len(table.columns) > WIDEST:
-        blocks = [table.block(group).filled_columns() for group, _ in table.groups]
-    lines = [line for block in blocks for line in ["", *table_lines(block)]]
-    return ["", f"## {escape_md(table.title)}", *lines, *(["", *notes] if notes else [])]
 
 
 def table_lines(table: Table) -> list[str]:

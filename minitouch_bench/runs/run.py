@@ -90,7 +90,13 @@ def make_header(
     plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
 ) -> RunHeader:
     """Return the header of a run of this plan, under this installation's protocol."""
-    reasons = why_unofficial(plan, policy, exploration, isolation)
+    kinds = {identity.kind for identity in (policy, exploration) if identity is not None}
+    needed = {"process": "remote" in kinds, "none": kinds == {"scripted"}}
+    reasons = plan.why_unofficial()
+    if IN_MEMORY in kinds:
+        reasons += ("policy in memory, beside the simulator",)
+    elif not needed.get(isolation, True):
+        reasons += (f"isolation: {isolation}",)
     return RunHeader(
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
@@ -102,18 +108,6 @@ def make_header(
         exploration=exploration,
         isolation=isolation,
     )
-
-
-def why_unofficial(
-    plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
-) -> tuple[str, ...]:
-    """Return what makes a run unofficial, in words."""
-    kinds = {identity.kind for identity in (policy, exploration) if identity is not None}
-    reasons = plan.why_unofficial()
-    if IN_MEMORY in kinds:
-        return (*reasons, "policy in memory, beside the simulator")
-    needed = {"process": "remote" in kinds, "none": kinds == {"scripted"}}
-    return reasons if needed.get(isolation, True) else (*reasons, f"isolation: {isolation}")
 
 
 @dataclass(frozen=True)

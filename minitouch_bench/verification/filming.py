@@ -122,10 +122,6 @@ def _write_gif(scenes: Scenes, path: Path) -> None:
     first.save(path, save_all=True, append_images=rest, duration=milliseconds, loop=0)
 
 
-CPU_S_PER_PICTURE = 0.02
-"""Seconds of one core for a control step and its picture, for an estimate of the time."""
-
-
 def show_episode(run: Run, key: str) -> EpisodePage:
     """Replay an episode of a run, called as ``pushing/17``, and return its page.
 
@@ -183,8 +179,7 @@ def film_run(
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
     steps = {spec: len(run.actions_of(spec.key)) + 1 for spec in jobs}
     workers = min(workers, core_count())
-    estimate = sum(steps.values()) * CPU_S_PER_PICTURE / workers
-    callbacks.note(f"the report is written; filming {len(jobs)} episodes, about {estimate:.0f} s")
+    callbacks.note(f"the report is written; filming {len(jobs)} episodes")
     callbacks.phase("filming", len(jobs))
     longest_first = sorted(jobs.items(), key=lambda job: -steps[job[0]])
     for _, played in run_in_workers(

@@ -10,15 +10,11 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.execution import header_of, open_run, package_versions
-from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.runs.journal import Journal
-from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.client import BUILDS
 from tests.evaluation.runs import digests, request, run
 
@@ -261,13 +257,3 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
         f"no run to resume in {directory}: starting a new one",
         f"{directory} contains the finished run: no episode is missing",
     ]
-
-
-def test_a_policy_named_after_one_task_that_plays_others_is_named(tmp_path):
-    notes = []
-    file = tmp_path / "pushing.safetensors"
-    save_native(TouchActor(action_size=4), file)
-    for tasks in (("pushing",), ("pushing", "opening")):
-        prepare_policies(file, make_plan("table4", tasks), note=notes.append)
-    (line,) = notes
-    assert line.startswith(f"{file} is named after pushing and plays pushing, opening: ")

@@ -10,7 +10,7 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES, PolicyLimits
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
-from minitouch_bench.runs.run import why_unofficial
+from minitouch_bench.runs.run import make_header
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from tests.shapegen.conftest import subset
 
@@ -92,17 +92,22 @@ def test_what_makes_a_run_unofficial_is_said():
         "1 s to load",
         "1 MiB of memory",
     )
-    zero = parse_source("zero").identity()
-    assert why_unofficial(plan, zero, None, "sandbox") == ()
+
+
+def test_a_policy_and_its_isolation_can_make_a_run_unofficial():
+    plan, zero = make_plan("table4"), parse_source("zero").identity()
+
+    def why_unofficial(*policies_and_isolation):
+        return make_header(plan, *policies_and_isolation).unofficial_because
+
+    assert why_unofficial(zero, None, "sandbox") == ()
     in_memory = replace(zero, kind=IN_MEMORY)
-    assert why_unofficial(plan, zero, in_memory, "none") == (
-        "policy in memory, beside the simulator",
-    )
+    assert why_unofficial(zero, in_memory, "none") == ("policy in memory, beside the simulator",)
     for isolation, kind in (("process", "remote"), ("none", "scripted")):
-        assert why_unofficial(plan, zero, None, isolation) == (f"isolation: {isolation}",)
-        assert why_unofficial(plan, replace(zero, kind=kind), None, isolation) == ()
+        assert why_unofficial(zero, None, isolation) == (f"isolation: {isolation}",)
+        assert why_unofficial(replace(zero, kind=kind), None, isolation) == ()
     beside = replace(zero, kind="scripted")
-    assert why_unofficial(plan, zero, beside, "none") == ("isolation: none",)
+    assert why_unofficial(zero, beside, "none") == ("isolation: none",)
 
 
 @pytest.mark.parametrize(

@@ -135,29 +135,6 @@ def test_failing_on_purpose_in_unknown_scenes_is_a_drop(found):
     assert "4 fresh episodes end by a policy fault" in str([*checking.problems][-1])
 
 
-def slow_in_fresh(found, monkeypatch, pace):
-    """Run fresh episodes that take so many seconds each, where an official one takes 1 s."""
-    passed = []
-    monkeypatch.setattr(proving.time, "monotonic", lambda: sum(passed))
-    checking = Prover(found, LocalEngine(1), lambda _: passed.append(1.0), time_limit_s=20.0)
-    checking.run_again(2)
-    checking.on_record = lambda _: passed.append(pace)
-    checking.found = with_twenty(found)
-    checking.run_fresh(20, "a phrase")
-    return [*checking.problems]
-
-
-def test_fresh_episodes_that_a_slow_policy_does_not_finish_are_failed_ones(found, monkeypatch):
-    drop, faults = slow_in_fresh(found, monkeypatch, 10.0)
-    assert "success 1.000 officially, 0.100 in 20 fresh episodes" in str(drop)
-    assert "18 are not played in time" in str(faults)
-
-
-def test_a_policy_that_is_as_slow_everywhere_is_not_accused(found, monkeypatch):
-    with pytest.raises(IncompleteCheckError, match="not finished within 20 s"):
-        slow_in_fresh(found, monkeypatch, 2.0)
-
-
 def with_policy(found, **changes):
     """Return the submission with another policy in its run."""
     run = found.runs[PLACE]

@@ -4,9 +4,6 @@ import pytest
 
 from minitouch_bench.errors import printable
 from minitouch_bench.reporting.tables import (
-    ABSENT,
-    WIDEST,
-    Column,
     NoteBlock,
     Table,
     as_text,
@@ -15,7 +12,6 @@ from minitouch_bench.reporting.tables import (
     make_columns,
     make_row,
     rows_csv,
-    table_section,
 )
 
 
@@ -42,30 +38,6 @@ def test_printable_keeps_one_line_of_visible_text():
 )
 def test_text_is_escaped(escape, text, escaped):
     assert escape(text) == escaped
-
-
-def grouped(columns):
-    """A table of two blocks of so many columns; the second block has one value."""
-    labels = [Column(f"m{index}", group) for group in ("Pushing", "Opening") for index in columns]
-    first = ["1"] * len(columns)
-    rows = (
-        make_row("Success", *first, "2", *[ABSENT] * (len(columns) - 1)),
-        make_row("Exploration", *first, *[ABSENT] * len(columns)),
-    )
-    return Table("Table 4", ("Metric",), tuple(labels), rows, ("a note",))
-
-
-def test_a_wide_table_is_one_per_block_without_what_is_empty():
-    narrow = table_section(grouped(range(WIDEST // 2)))
-    assert sum(line.startswith("| ---") for line in narrow) == 1
-    assert narrow[-1] == "- a note"
-    lines = table_section(grouped(range(WIDEST // 2 + 1)))
-    first, second = (line for line in lines if line.startswith("| Metric"))
-    assert first.count("Pushing<br>m") == WIDEST // 2 + 1
-    assert second == "| Metric | Opening<br>m0 |"
-    assert lines.count("| Success | 2 |") == 1
-    assert not any("Exploration | — |" in line for line in lines)
-    assert lines.count("- a note") == 1
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\u202e=1"])

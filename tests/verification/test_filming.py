@@ -123,4 +123,4 @@ def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):
         "videos/opening-0.mp4", "videos/pushing-0.mp4",
     ]  # fmt: skip
     assert len(filmed) == 6
-    assert "filming 6 episodes, about" in said[0]
+    assert "filming 6 episodes" in said[0]
