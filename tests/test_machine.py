@@ -40,12 +40,3 @@ def test_a_missing_package_names_what_an_index_has_and_the_extra():
         machine.require("no_such_package", "onnx")
     assert "pip install 'onnx>=" in str(missing.value)
     assert "(the extra minitouch-bench[onnx])" in str(missing.value)
-
-
-def test_where_nothing_is_installed_the_extra_is_named(monkeypatch):
-    def requires(_):
-        raise machine.PackageNotFoundError
-
-    monkeypatch.setattr(machine, "requires", requires)
-    with pytest.raises(MissingExtraError, match=r"pip install 'minitouch-bench\[onnx\]'"):
-        machine.require("no_such_package", "onnx")

@@ -72,23 +72,6 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
     assert "isolation: process" in found["header"]["unofficial_because"]
 
 
-END = """
-import time
-from minitouch_bench.policies.forkserver import Host
-host = Host(None)
-for act, grace_s in ((lambda: os._exit(7), 60.0), (lambda: time.sleep(1000), 0.1)):
-    host._child = os.fork()
-    if not host._child:
-        act()
-    print(host._end_child(grace_s), host._end_child(grace_s))
-"""
-
-
-def test_how_a_policys_process_ended_is_known():
-    said = subprocess.check_output([sys.executable, "-c", WITHOUT + END], text=True)
-    assert said.splitlines() == ["(7, False) (0, False)", "(-9, True) (0, False)"]
-
-
 @pytest.mark.parametrize("module", ["api", "commands.train", "verification.doctor"])
 def test_everything_is_imported(module):
     # torch here is a build for Linux, and loads its libraries by the system's name.

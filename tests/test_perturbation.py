@@ -20,28 +20,14 @@ def test_conditions_are_read_as_they_are_typed():
         (["smell"], [], "no sense 'smell'; there are touch, forces, vision"),
         ([], ["weight=2"], "no condition 'weight'; there are noise, force-noise, mass"),
         ([], ["mass"], "'mass' is no condition; write mass=2 or mass=0.5:2"),
-        ([], ["mass=1:2:3"], "is no condition"),
-        ([], ["noise=1=2"], "is no condition"),
         ([], ["noise=1:2"], "is no condition"),
         ([], ["mass=2:1"], "mass is 0.01 to 100 times"),
-        ([], ["mass=nan"], "mass is 0.01 to 100 times"),
         ([], ["noise=-1"], "noise is 0 to 255 gray levels"),
     ],
 )
 def test_what_means_nothing_is_refused(without, changes, says):
     with pytest.raises(UsageError, match=says):
         parse_perturbation(without, changes)
-
-
-def test_they_are_said_in_words():
-    perturbation = parse_perturbation(["forces"], ["friction=0.5:2", "noise=10", "camera=3"])
-    assert perturbation.in_words() == (
-        "without forces",
-        "noise 10 gray levels",
-        "friction 0.5 to 2 times",
-        "camera 3 degrees",
-    )
-    assert UNPERTURBED.in_words() == ()
 
 
 def test_they_are_written_as_they_are_read():

@@ -1,8 +1,5 @@
-import errno
-import multiprocessing
 import os
 import platform
-import select
 import signal
 import subprocess
 import sys
@@ -14,11 +11,10 @@ import pytest
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import (
     ARITHMETIC,
-    START,
     interrupts_held,
     run_in_workers,
-    watch,
 )
+from tests.process_tree import is_alive, wait_until
 
 UNSET = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
 """The environment without them."""
@@ -138,20 +134,6 @@ def test_an_error_of_the_user_is_not_tried_again(tmp_path):
         run_named(blame_the_user, [str(tmp_path / "a")])
 
 
-@pytest.mark.parametrize("number", [0, errno.ENOSYS, errno.EPERM])
-def test_the_end_of_a_process_is_seen_where_the_system_call_is_missing(monkeypatch, number):
-    def refuse(_):
-        raise OSError(number, os.strerror(number))
-
-    if number:
-        monkeypatch.setattr(os, "pidfd_open", refuse)
-    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
-        watched = watch(child.pid)
-        assert select.select([watched], [], [], 0) == ([], [], [])
-    assert select.select([watched], [], [], 60) == ([watched], [], [])
-    os.close(watched)
-
-
 PARENT = """
 import sys
 from tests.test_processes import run_named, stay
@@ -180,16 +162,7 @@ def test_workers_end_with_their_parent_and_never_see_ctrl_c(tmp_path, number):
     errors = parent.communicate(timeout=60)[1]
     assert parent.returncode == -number
     assert errors.count("KeyboardInterrupt") == (number == signal.SIGINT)
-    for worker in workers:
-        while is_alive(worker):
-            time.sleep(0.05)
-
-
-def is_alive(process):
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+    wait_until(lambda: not any(map(is_alive, workers)))
 
 
 # Interrupts
@@ -218,26 +191,8 @@ def test_ctrl_c_waits_for_the_end_of_the_block():
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_an_ignored_ctrl_c_stays_ignored():
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with interrupts_held():
-        os.kill(os.getpid(), signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-
-
-@pytest.mark.usefixtures("ctrl_c")
 def test_what_is_started_meanwhile_never_sees_ctrl_c():
     code = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
     with interrupts_held():
         child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert child.communicate()[0] == "alive\n"
-
-
-def test_a_worker_whose_parent_ended_before_its_first_message_is_silent():
-    ours, theirs = multiprocessing.Pipe()
-    with theirs:
-        command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
-        worker = subprocess.Popen(command, pass_fds=(theirs.fileno(),), stderr=subprocess.PIPE)
-    ours.close()
-    _, said = worker.communicate(timeout=60)
-    assert (worker.returncode, said) == (0, b"")

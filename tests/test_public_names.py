@@ -7,7 +7,6 @@ import subprocess
 import sys
 from importlib.metadata import entry_points
 
-import gymnasium
 import pytest
 
 import minitouch_bench
@@ -59,12 +58,6 @@ for name in {list(GYM_IDS.values())}:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines().count("(1, 84, 84) (4,)") == 3
     assert not done.stderr
-
-
-def test_registering_twice_is_harmless():
-    before = dict(gymnasium.registry)
-    importlib.reload(minitouch_bench)
-    assert gymnasium.registry == before
 
 
 def test_the_command_is_installed():

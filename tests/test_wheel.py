@@ -135,10 +135,3 @@ def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path)
         assert theirs.files == ours.files
         assert all(theirs[name].tobytes() == ours[name].tobytes() for name in ours.files)
     assert "data:image/png" in (place / policy / "report.html").read_text()
-
-
-def test_a_missing_extra_is_named(command):
-    done, _ = command("record", "zero", "pushing", "--episodes", "1", "--output", "zero")
-    assert done.returncode == 3
-    assert "minari" in done.stderr
-    assert "[data]" in done.stderr

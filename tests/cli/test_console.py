@@ -1,9 +1,7 @@
 """Progress where there is no terminal."""
 
 import io
-import re
 import signal
-from dataclasses import replace
 
 import IPython.display
 import numpy as np
@@ -31,21 +29,6 @@ def test_without_a_terminal_there_is_one_line_per_minute():
     assert [line.split("  ")[0].strip() for line in lines] == [
         "episodes: 7 of 20", "episodes: 13 of 20", "episodes: 19 of 20",
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize("width", [80, 200])
-def test_in_a_narrow_terminal_every_number_is_whole(width):
-    screen = Console(file=io.StringIO(), width=width)
-    with episode_progress(screen) as callbacks:
-        callbacks.phase("proof", 5750)
-        for task in ("pushing", "opening", "pick-up"):
-            spec = replace(SPEC, task=task)
-            for _ in range(100):
-                callbacks.episode(make_record(np.random.default_rng(1), spec, 1.0))
-    bar, below = screen.file.getvalue().splitlines()[-2:]
-    assert "300/5,750" in bar
-    assert re.search(r"\d:\d\d:\d\d left (\d|-):(\d|-){2}:(\d|-){2}$", bar.rstrip()), bar
-    assert below.count("/100") == 3
 
 
 def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
@@ -89,13 +72,3 @@ def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert "exploration: 500 of 2,000 control steps  touch 0.25" in capsys.readouterr().err
-
-
-def test_a_count_has_no_bar_before_its_first_step(capsys):
-    with console.count_progress("proofs"):
-        pass
-    assert capsys.readouterr().err == ""
-    with console.count_progress("proofs") as show:
-        show(1, 2)
-        show(2, 2)
-    assert "2/2" in capsys.readouterr().err

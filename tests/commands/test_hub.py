@@ -13,16 +13,14 @@ from types import SimpleNamespace
 import pytest
 
 from minitouch_bench.commands.submit import submit
-from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.leaderboard.proving import Prover
 from minitouch_bench.leaderboard.site import build_board
-from minitouch_bench.leaderboard.submission import CheckpointFile, TrainingSeed
-from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import DIRECTORY
-from minitouch_bench.policies.sources import HubFile, directory_digest, parse_hub_address
+from minitouch_bench.policies.sources import HubFile, parse_hub_address
 from tests.commands.command import run_installed as run
 from tests.leaderboard.synthetic import official_run, write_official
 
@@ -165,35 +163,17 @@ def test_a_reference_that_cannot_be_fetched_is_no_fault_of_the_submission(
 
 
 @needs_library
-def test_one_file_per_task_may_be_referenced(hub, tmp_path):
-    """A directory of policies, one of them copied and one on the Hub."""
-    digest = hashlib.sha256(hub.content).hexdigest()
-    copied = CheckpointFile(
-        Role.FINAL, "opening", "opening.safetensors", digest, "opening.safetensors"
-    )
-    (tmp_path / copied.path).write_bytes(hub.content)
-    there = replace(copied, task="pushing", file="pushing.safetensors", path=REFERENCE)
-    prover = Prover(SubmissionFindings(directory=tmp_path), engine=None)
-    seed = TrainingSeed(0, {}, (copied, there))
-    source = prover._source(seed, Role.FINAL, PolicyIdentity("nets", "nets", DIRECTORY, ""))
-    assert source.digest == directory_digest(((copied.file, digest), (there.file, digest)))
-    assert [source.for_task(task).digest for task in ("opening", "pushing")] == [digest] * 2
-
-
-@needs_library
-@pytest.mark.parametrize("revision", ["main", COMMIT])
-def test_a_file_that_is_too_large_is_not_fetched(hub, tmp_path, revision):
+def test_a_file_that_is_too_large_is_not_fetched(hub, tmp_path):
     hub.size = 10**12
-    done = run("evaluate", f"{ADDRESS}@{revision}", *ONE, directory=tmp_path)
+    done = run("evaluate", ADDRESS, *ONE, directory=tmp_path)
     done.refused(3, "1000000000000 bytes", "too large")
     assert sum("/resolve/" in path for path in hub.asked) == 1
 
 
 @needs_library
-@pytest.mark.parametrize("address", [f"{ADDRESS}@v2", ADDRESS.replace("pushing", "opening")])
-def test_a_file_that_is_not_there(hub, tmp_path, address):
-    done = run("evaluate", address, *ONE, directory=tmp_path)
-    done.refused(3, address, "cannot be fetched")
+def test_a_file_that_is_not_there(hub, tmp_path):
+    done = run("evaluate", f"{ADDRESS}@v2", *ONE, directory=tmp_path)
+    done.refused(3, "@v2", "cannot be fetched")
 
 
 @pytest.mark.skipif(find_spec("huggingface_hub") is not None, reason="huggingface_hub is there")
@@ -206,15 +186,7 @@ def test_addresses():
     assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
     assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
     assert str(parse_hub_address(REFERENCE)) == f"{ADDRESS}@{COMMIT}"
-    leaving = ("hf://a/b/../../../x.onnx", "hf://../b/x.pt", "hf://a/./x.pt", "hf://a/b//x.pt")
-    for wrong in (
-        *leaving,
-        "hf://a/b",
-        "hf://a/b/",
-        "hf://a@v1/b/c.pt@v2",
-        "hf://a/b@v1/c.pt@v2",
-        "hf://a b/c/d.pt",
-    ):
+    for wrong in ("hf://a/b/../../../x.onnx", "hf://a/b", "hf://a/b@v1/c.pt@v2", "hf://a b/c/d.pt"):
         with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
             parse_hub_address(wrong)
 

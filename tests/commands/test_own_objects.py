@@ -19,28 +19,24 @@ def moved(mesh, *offset):
 
 
 def ordinary():
-    """Return ten things by name, sizes in m."""
+    """Return things by name, sizes in m."""
     hollow = moved(creation.cylinder(0.033, 0.07), 0, 0, 0.006)
     foot = moved(creation.box((0.03, 0.03, 0.06)), -0.02, 0, 0.015)
     slope = [[0, 0, 0], [8, 0, 0], [8, 5, 0], [0, 5, 0], [8, 0, 5], [8, 5, 5]]
     return {
         "ball": creation.icosphere(3, 0.033),
-        "cone": creation.cone(0.035, 0.07),
         "cup": trimesh.boolean.difference([creation.cylinder(0.038, 0.07), hollow]),
         "ring": creation.annulus(0.025, 0.04, 0.02),
         "ell": trimesh.boolean.union([creation.box((0.07, 0.03, 0.03)), foot]),
         "cube": creation.box((0.056,) * 3),
         "cylinder": creation.cylinder(0.03, 0.08),
-        "capsule": creation.capsule(0.05, 0.025),
-        "torus": creation.torus(0.03, 0.01),
         "wedge": trimesh.convex.convex_hull(np.array(slope) / 100),
-        "plate": creation.box((0.1, 0.06, 0.004)),
     }
 
 
 @pytest.fixture(scope="module")
 def mine(tmp_path_factory):
-    """A folder with ten of the meshes in mm, one in m, and the set of the ten."""
+    """A folder with six of the meshes in mm, one in m, and the set of the six."""
     folder = tmp_path_factory.mktemp("mine")
     (folder / "meshes").mkdir()
     for name, mesh in ordinary().items():
@@ -53,7 +49,7 @@ def mine(tmp_path_factory):
 def test_ordinary_meshes_are_accepted_and_what_is_not_promised_is_said(mine):
     folder, done = mine
     assert done.code == 1
-    assert "10 accepted, 1 refused" in done.out
+    assert "6 accepted, 1 refused" in done.out
     assert re.search(r"wedge.stl: .*0.1 mm, not 10 to 125 mm.; accepted with --scale 1\b", done.out)
     assert re.search("ball.stl: .*fewer than two stable poses", done.out)
     assert re.search("ring.stl: .*8 of 8 grips fail", done.out)

@@ -2,9 +2,7 @@
 
 import hashlib
 import json
-import os
 import shlex
-import signal
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -15,8 +13,7 @@ from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import make_header, parse_run, read_run, run_digest, run_json
 from minitouch_bench.runs.run import make_run as measure_run
-from tests.commands.command import finish, run, start
-from tests.commands.test_evaluate import wait_for_records
+from tests.commands.command import run
 from tests.reporting.synthetic import make_run
 
 TEN = ("--tasks", "pushing,opening", "--episodes", "5")
@@ -81,7 +78,7 @@ def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
     assert summary.startswith("## ❌ minitouch-bench regression: ")
 
 
-def test_several_runs_on_each_side_judge_the_method_and_one_on_a_side_is_refused(runs, tmp_path):
+def test_several_runs_on_each_side_judge_the_method(runs, tmp_path):
     sides = ("--baseline", "good", "--baseline", "close", "--candidate", "bad")
     file = tmp_path / "gate.xml"
     done = run("regress", *sides, "--candidate", "worse", "--junit", file, directory=runs)
@@ -91,12 +88,6 @@ def test_several_runs_on_each_side_judge_the_method_and_one_on_a_side_is_refused
     assert "in 4 training seeds" in answer
     assert following == "next: minitouch-bench report good close bad worse"
     assert int(ElementTree.parse(file).getroot().attrib["failures"]) >= 1
-    for options, reason in (
-        (sides, "the candidate has one run"),
-        (("random", *sides[:4]), "POLICY is one training"),
-    ):
-        done = run("regress", *options, directory=runs)
-        assert (done.code, reason in done.err) == (2, True), done.err
 
 
 def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
@@ -149,26 +140,12 @@ def no_success(document):
         row["outcome"] = "step_limit"
 
 
-def in_pushing(field, value):
-    """An edit of a number that the digest does not cover, in the first failed episode."""
-
-    def change(document):
-        row = next(row for row in document["episodes"] if row["outcome"] == "success")
-        row[field] = value
-
-    return change
+def more_touch(document):
+    """Change a number that the digest does not cover."""
+    document["episodes"][0]["touch_steps"] += 1
 
 
-def no_vision(document):
-    document["header"]["plan"]["conditions"].update(without=["vision"])
-
-
-EDITS = {
-    "outcomes": no_success,
-    "steps": in_pushing("steps", 3),
-    "touch_steps": in_pushing("touch_steps", 2),
-    "conditions": no_vision,
-}
+EDITS = {"outcomes": no_success, "touch_steps": more_touch}
 
 
 @pytest.mark.parametrize("edit", EDITS)
@@ -237,10 +214,6 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
     run(*command, directory=baseline).refused(6, "--resume", "--fresh")
     again = run(*command, "--resume", "--json", directory=baseline)
     assert json.loads(again.out) == document
-    steps = json.loads((baseline / "zero" / "run.json").read_text())
-    steps["episodes"][0]["touch_steps"] += 1
-    (baseline / "zero" / "run.json").write_text(json.dumps(steps))
-    run(*command, "--resume", directory=baseline).refused(6, "was edited")
 
 
 def test_the_same_policy_has_the_same_bits(baseline):
@@ -249,46 +222,3 @@ def test_the_same_policy_has_the_same_bits(baseline):
     assert done.code == 0, done.err
     assert "every episode is the same to the last bit" in done.out
     assert (baseline / "again" / "report.html").exists()
-
-
-def test_a_baseline_that_lacks_episodes_is_refused_before_any_is_played(baseline):
-    document = json.loads((baseline / "base" / "run.json").read_text())
-    document["episodes"] = [row for row in document["episodes"] if row["index"] < 4]
-    saved = parse_run(json.dumps(document).encode(), "cut")
-    document["digest"] = run_digest(saved.header, saved.rows)
-    cut = baseline / "cut"
-    cut.mkdir()
-    (cut / "run.json").write_text(json.dumps(document))
-    done = run("regress", "zero", "--baseline", cut, "--output", "never", directory=baseline)
-    done.refused(6, "2 episodes are missing")
-    assert not (baseline / "never").exists()
-    exploration = ("--metric", "exploration", "--output", "never")
-    done = run("regress", "zero", "--baseline", "base", *exploration, directory=baseline)
-    done.refused(2, "POLICY plays no exploration episodes")
-    assert not (baseline / "never").exists()
-
-
-@pytest.mark.slow
-def test_the_number_of_workers_and_a_break_do_not_change_the_answer(baseline):
-    def without_paths(done):
-        """The result, without what names the candidate's directory."""
-        document = json.loads(done.out)
-        document.pop("next_command")
-        document.pop("wall_s")
-        return {**document, "candidate": None, "changes": len(document["changes"])}
-
-    answers = []
-    for name, workers in (("one", 1), ("two", 2)):
-        options = ("--output", name, "--workers", workers, "--json")
-        done = run("regress", "random", "--baseline", "base", *options, directory=baseline)
-        answers.append(without_paths(done))
-    assert answers[0] == answers[1]
-    broken = ("regress", "random", "--baseline", "base", "--output", "broken")
-    process = start(*broken, "--workers", 1, directory=baseline)
-    wait_for_records(baseline / "broken", 2, process)
-    os.killpg(process.pid, signal.SIGINT)
-    ended = finish(process)
-    assert ended.code == 130
-    assert "--resume" in ended.err
-    done = run(*broken, "--resume", "--json", directory=baseline)
-    assert answers[0] == without_paths(done)

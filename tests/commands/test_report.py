@@ -2,10 +2,8 @@ import shutil
 
 import pytest
 
-from minitouch_bench.commands.report import report
 from tests.altered import edit_document
 from tests.commands.command import run
-from tests.reporting.synthetic import make_run, write
 
 
 def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
@@ -59,15 +57,6 @@ def test_runs_are_called_what_the_user_says(scripted, tmp_path):
         run("report", *both, "--names", names, directory=tmp_path).refused(2, "names")
 
 
-def test_reports_of_several_runs_do_not_overwrite_one_another(scripted, tmp_path):
-    copies = [tmp_path / name for name in ("a", "b", "c")]
-    for copy in copies:
-        shutil.copytree(scripted[1], copy)
-    for chosen in (copies[:2], copies[1:], copies, copies[:2]):
-        assert run("report", *chosen, directory=tmp_path).code == 0
-    assert len([*tmp_path.glob("reports/comparison/*/report.html")]) == 3
-
-
 @pytest.mark.parametrize(
     ("form", "words"),
     [("latex", r"\toprule"), ("md", "| Metric |"), ("csv", "policy,task,"), ("json", '"policy":')],
@@ -86,12 +75,3 @@ def test_a_choice_that_does_not_exist_is_refused(scripted, tmp_path):
     run("report", scripted[1], "--format", "pdf", directory=tmp_path).refused(2, "pdf")
     both = ("--format", "csv", "--output", "out")
     run("report", scripted[1], *both, directory=tmp_path).refused(2, "--output")
-
-
-def test_the_videos_of_a_run_are_in_its_report_however_it_is_named(tmp_path):
-    write(make_run("a", tasks=("pushing",), episodes=2, exploration=False), tmp_path)
-    (tmp_path / "videos").mkdir()
-    (tmp_path / "videos" / "pushing-1.mp4").write_bytes(b"a video")
-    for path in (tmp_path, tmp_path / "run.json"):
-        report([path])
-        assert "videos/pushing-1.mp4" in (tmp_path / "report.html").read_text()

@@ -26,14 +26,6 @@ def test_a_refusal_has_no_progress_bar(tmp_path):
 TOO_LONG = {"mug.stl": f"{Reason.SIZE} (102.1 mm)"}
 
 
-def test_where_a_size_is_the_reason_fit_is_named(monkeypatch, tmp_path):
-    done = imported(monkeypatch, tmp_path, TOO_LONG)
-    assert "--fit" in done.stderr
-    assert "--fit" not in imported(monkeypatch, tmp_path, TOO_LONG, "--fit").stderr
-    other = {"mug.stl": "not a closed 2-manifold"}
-    assert "--fit" not in imported(monkeypatch, tmp_path, other).stderr
-
-
 def test_an_import_with_a_refusal_exits_1_and_keeps_the_set(monkeypatch, tmp_path):
     done = imported(monkeypatch, tmp_path, TOO_LONG)
     assert done.exit_code == 1

@@ -102,7 +102,7 @@ def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, 
     assert arguments[-5:] == ["--output", "out", option, "--", "p.onnx"]
 
 
-@pytest.mark.parametrize("output", ["out/run", "link/run", "./out/../out/run"])
+@pytest.mark.parametrize("output", ["out/run", "link/run"])
 def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
     (tmp_path / "out" / "run").mkdir(parents=True)
     (tmp_path / "out" / "run" / "run.json").write_text("{}")
@@ -115,14 +115,7 @@ def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
 
 
 def git(repository, *words):
-    identity = (
-        "-c",
-        "user.name=a",
-        "-c",
-        "user.email=a@b",
-        "-c",
-        "uploadpack.allowAnySHA1InWant=1",
-    )
+    identity = ("-c", "user.name=a", "-c", "user.email=a@b")
     done = subprocess.run(
         ["git", "-C", str(repository), *identity, *words],
         check=True, capture_output=True, text=True,
@@ -171,15 +164,6 @@ def refusal(tmp_path, **given):
     assert arguments == []
     assert done.stdout.startswith("::error title=MiniTouch regression gate::")
     return done.returncode
-
-
-def test_not_enough_episodes_leave_a_warning(tmp_path):
-    for code in (0, 5):
-        done, _ = gate(
-            tmp_path, code=code, decision="not enough episodes", baseline="b", candidate="c"
-        )
-        assert done.returncode == code
-        assert done.stdout.startswith("::warning title=MiniTouch regression gate::")
 
 
 def test_no_input_stands_in_a_script():

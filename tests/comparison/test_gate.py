@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -7,14 +6,12 @@ import pytest
 
 from minitouch_bench.comparison.gate import (
     LARGEST_ALPHA,
-    SMALLEST_ALPHA,
     Decision,
     GateSettings,
     Tolerance,
     judge_runs,
 )
 from minitouch_bench.comparison.gate_report import (
-    gate_json,
     gate_junit,
     gate_markdown,
     result_line,
@@ -122,13 +119,6 @@ def test_the_longer_baseline_leaves_submissions_alone(tmp_path, monkeypatch):
     assert result.next_command.endswith(f" --output {output}")
 
 
-def test_exploration_is_not_gated_again_by_a_policy():
-    runs = [replace(run, exploration_rows=run.rows) for run in (few(0), few(4))]
-    result = judged(runs[1], GateSettings(metric="exploration"), runs[0])
-    assert result.endpoint.episodes_needed
-    assert result.next_command == "minitouch-bench compare runs/base runs/new"
-
-
 def test_what_the_most_episodes_would_not_settle_is_called_so():
     result = judged(replace(few(0), digest="other"), GateSettings(tolerance=Tolerance(0.0)), few(0))
     assert "10,000" in result_line(result)
@@ -208,17 +198,6 @@ def test_holm_is_over_every_metric_of_every_task():
 # What cannot be compared
 
 
-@pytest.mark.parametrize("other", [["pushing"], ["pushing", "opening"]])
-def test_a_task_with_other_rules_is_refused_by_name(other):
-    then = {"pushing": "p" * 64, "opening": "o" * 64}
-    now = {task: "n" * 64 if task in other else digest for task, digest in then.items()}
-    with pytest.raises(UsageError, match=f"the rules of {', '.join(other)} are not"):
-        judged(
-            with_header(candidate(90), task_digests=now),
-            baseline=with_header(BASELINE, task_digests=then),
-        )
-
-
 def test_another_protocol_digest_and_other_conditions_are_refused():
     with pytest.raises(UsageError, match="protocol digest"):
         judged(candidate(90), baseline=with_header(BASELINE, protocol_digest="0" * 64))
@@ -231,23 +210,6 @@ def test_another_protocol_digest_and_other_conditions_are_refused():
 # What it writes
 
 
-@pytest.mark.parametrize(
-    ("other", "mark", "line", "command"),
-    [
-        (candidate(70), "❌", "regression: mean ", "replay runs/new pushing/70"),
-        (candidate(100), "✅", "no regression: mean ", "compare runs/base runs/new"),
-    ],
-)
-def test_the_screen_ends_in_the_answer_with_which_the_summary_begins(
-    other, mark, line, command, tmp_path
-):
-    result = judged(with_actions(other, tmp_path))
-    answer, following = shown(show_result, result).strip().splitlines()[-2:]
-    assert answer.startswith(line)
-    assert following == f"next: minitouch-bench {command}"
-    assert gate_markdown(result).startswith(f"## {mark} minitouch-bench {line}")
-
-
 def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
     for directory in (None, tmp_path):
         result = judged(replace(candidate(70), directory=directory))
@@ -255,21 +217,6 @@ def test_a_run_without_actions_has_no_command_that_replays_it(tmp_path):
         assert {command for change in result.changes for command in change.replays} == {""}
         assert result.next_command == "minitouch-bench compare runs/base runs/new"
         assert "replay" not in gate_markdown(result) + gate_junit(result)
-
-
-def test_after_a_regression_of_exploration_an_exploration_episode_is_replayed(tmp_path):
-    settings = GateSettings(metric="exploration")
-    before, after = (replace(candidate(n), exploration_rows=candidate(n).rows) for n in (90, 20))
-    result = judged(with_actions(after, tmp_path), settings, before)
-    assert result.next_command == "minitouch-bench replay runs/new exploration/pushing/20"
-
-
-def test_the_document_says_all():
-    document = json.loads(gate_json(judged(few(4), baseline=make_saved(FEW, "base"))))
-    assert (document["format"], document["exit_code"]) == ("minitouch-regression", 5)
-    assert document["decision"] == "not enough episodes"
-    endpoint = document["endpoint"]
-    assert (endpoint["tolerance"], endpoint["tasks"]) == (0.05, ["pushing", "opening"])
 
 
 def junit_suite(result):
@@ -288,12 +235,7 @@ def case_names(suite):
 
 @pytest.mark.parametrize(
     ("other", "lenient", "kind"),
-    [
-        (few(10), False, "failure"),
-        (few(4), False, "failure"),
-        (few(4), True, "skipped"),
-        (few(0), False, "skipped"),
-    ],
+    [(few(10), False, "failure"), (few(4), False, "failure"), (few(4), True, "skipped")],
 )
 def test_junit_has_a_case_for_the_answer_and_one_for_each_metric(other, lenient, kind):
     result = judged(other, GateSettings(lenient=lenient), make_saved(FEW, "base"))
@@ -345,15 +287,10 @@ def test_hostile_names_are_harmless_everywhere():
     "change",
     [
         {"alpha": 0.0},
-        {"alpha": SMALLEST_ALPHA / 2},
         {"alpha": LARGEST_ALPHA * 2},
-        {"alpha": float("nan")},
         {"metric": "flying"},
-        {"metric": "arm_time"},  # of no table
         {"tolerance": Tolerance(1.0)},  # of a share
-        {"tolerance": Tolerance(-0.1)},
         {"tolerance": Tolerance(float("nan"))},
-        {"metric": "episode_steps", "tolerance": Tolerance(float("inf"))},
         {"strict": True, "lenient": True},
     ],
 )

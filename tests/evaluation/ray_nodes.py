@@ -10,7 +10,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, open_engine
@@ -94,25 +93,3 @@ def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
 
 def engine_at(address: str) -> contextlib.AbstractContextManager[Engine]:
     return open_engine("ray", address=address)
-
-
-def descendants(pid: int) -> set[int]:
-    """Return the ids of all live descendants of a process."""
-    try:
-        tasks = list(Path(f"/proc/{pid}/task").iterdir())
-        own = {int(word) for task in tasks for word in (task / "children").read_text().split()}
-    except (FileNotFoundError, ProcessLookupError):
-        return set()
-    return own | {found for child in own for found in descendants(child)}
-
-
-def holds_a_policy(pid: int) -> bool:
-    """Tell whether a process below this one holds a policy."""
-    return any(b"policies.forkserver" in command_line(below) for below in descendants(pid))
-
-
-def command_line(pid: int) -> bytes:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except (FileNotFoundError, ProcessLookupError):
-        return b""

@@ -3,10 +3,8 @@
 import contextlib
 import os
 import signal
-import socket
 import sys
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -25,15 +23,14 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Isolation
+from minitouch_bench.policies.policy import KIND_BY_SUFFIX, Isolation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation import ray_nodes
-from tests.evaluation.ray_nodes import command_line, holds_a_policy
 from tests.evaluation.runs import digests, request, run
-from tests.evaluation.test_engine import wait_until
 from tests.evaluation.test_evaluation import begin
+from tests.process_tree import command_line
 
 HERE = Path(__file__).parent
 
@@ -70,9 +67,6 @@ def engine_on(address, workers=None):
     return open_engine("ray", workers, address)
 
 
-# The same bits
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["scripted", "random", "script"])
 def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tmp_path, policy):
@@ -101,20 +95,6 @@ def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_pat
     assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
 
 
-@pytest.mark.slow
-def test_the_checkpoint_may_go_once_the_episodes_have_begun(cluster, script, tmp_path):
-    file = tmp_path / "gone.pt"
-    file.write_bytes(script.read_bytes())
-    wanted = request(str(file), ("pushing",), 4)
-    specs = wanted.plan.specs()
-    faults = []
-    with engine_on(cluster) as engine:
-        for record in engine.run(wanted, specs):
-            file.unlink(missing_ok=True)
-            faults.append(record.fault)
-    assert faults == [""] * 4
-
-
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
@@ -135,13 +115,9 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, c
     assert there.policy.digest == setup.policy.digest
     found = [there.policy.for_task("pushing"), there.policy.for_task("opening"), there.exploration]
     for source, (name, content) in zip(found, contents.items(), strict=True):
-        assert source.kind == parse_kind(name)
+        assert source.kind == KIND_BY_SUFFIX[Path(name).suffix]
         assert Path(source.target).parent == cache
         assert Path(source.target).read_bytes() == content
-
-
-def parse_kind(name):
-    return {".pt": "torchscript", ".onnx": "onnx", ".zip": "sb3"}[Path(name).suffix]
 
 
 @pytest.mark.parametrize("content", [b"other weights", None])
@@ -155,31 +131,6 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
         file.write_bytes(content)
     with pytest.raises(CheckpointChangedError):
         map_checkpoints(setup, pack)
-
-
-# Losses
-
-
-@pytest.mark.slow
-def test_a_node_that_joins_is_used_and_its_loss_costs_time_only(cluster, tmp_path):
-    wanted = request("zero", TASK_NAMES, 6)
-    here = run(wanted, tmp_path, workers=2)
-    specs = header_of(wanted).specs()
-    found, used, turns = {}, False, 0
-    with contextlib.ExitStack() as stack, engine_on(cluster) as engine:
-        for record in engine.run(wanted, specs):
-            assert record.spec.key not in found
-            found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
-            if len(found) == 1:
-                third = stack.enter_context(ray_nodes.joined(cluster, 3))
-            elif not used:
-                time.sleep(1.0)  # so that a slow machine's node comes before the last episode
-                turns += holds_a_policy(third.process.pid)
-                if turns == 3:  # by now it is ready and plays
-                    used = True
-                    threading.Timer(0.3, third.kill).start()  # in the midst of an episode
-    assert used
-    assert [found[spec.key] for spec in specs] == digests(here)
 
 
 @pytest.mark.slow
@@ -213,32 +164,19 @@ def kill_workers(hosts):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", ["KillsItsWorkerOnce", "IsKilled"])
 @pytest.mark.parametrize("deaths", [2, 3])
-def test_an_episode_is_tried_three_times(cluster, policy, deaths):
+def test_an_episode_is_tried_three_times(cluster, deaths):
     counter = Path(os.environ["DEATHS"])
     counter.write_text(str(deaths))
-    wanted = request(f"misbehaved:{policy}", ("opening",), 1, isolation=Isolation.PROCESS)
+    wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
     specs = header_of(wanted).specs()
     with engine_on(cluster) as engine:
         if deaths < 3:
             assert len(list(engine.run(wanted, specs))) == 1
         else:
-            told = r"opening/0 cannot be played: .*(was lost|SIGKILL)"
-            with pytest.raises(InfrastructureError, match=told):
+            with pytest.raises(InfrastructureError, match=r"opening/0 .*was lost"):
                 list(engine.run(wanted, specs))
     assert counter.read_text() == "0"
-
-
-@pytest.mark.slow
-def test_breaking_off_ends_the_workers(cluster):
-    specs = header_of(request("zero", TASK_NAMES, 4)).specs()
-    before = policy_hosts()
-    with engine_on(cluster) as engine:
-        records = engine.run(request("zero"), specs)
-        next(records)
-        records.close()
-    wait_until(lambda: policy_hosts() <= before)
 
 
 # Nodes that cannot do
@@ -269,33 +207,13 @@ def test_a_node_with_another_protocol_is_refused_in_one_line(tmp_path):
     assert "\n" not in str(refused.value)
 
 
-# Addresses
-
-
-@pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", ":6379", "a:b"])
+@pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", "a:b"])
 def test_what_is_not_an_address_is_a_mistake(address):
     with pytest.raises(UsageError, match=r"HOST:PORT"):
         engine_on(address)
-
-
-@pytest.mark.slow
-def test_another_server_is_not_waited_for_for_ever():
-    pytest.importorskip("ray")
-    began = time.monotonic()
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        address = f"127.0.0.1:{server.getsockname()[1]}"
-        with pytest.raises(InfrastructureError, match=address), engine_on(address):
-            pass
-    assert time.monotonic() - began < 60.0
 
 
 def test_without_ray_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), engine_on(None):
         pass
-
-
-def test_a_python_whose_path_has_a_space_is_refused(monkeypatch):
-    monkeypatch.setattr(sys, "executable", "/home/some one/.venv/bin/python")
-    with pytest.raises(UsageError, match="contains a space"):
-        open_engine("ray")

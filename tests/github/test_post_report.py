@@ -126,13 +126,6 @@ def test_a_result_of_another_commit_or_none_is_not_shown(github, tmp_path):
     assert "**the check did not finish**" in github()[2]
 
 
-@pytest.mark.parametrize("content", ["[" * 10_000, "\xff"])
-def test_a_damaged_result_is_a_check_that_did_not_finish(github, tmp_path, content):
-    leave(tmp_path)
-    (tmp_path / "checked" / "result.json").write_text(content, encoding="latin-1")
-    assert "**the check did not finish**" in github()[2]
-
-
 def test_a_text_cannot_leave_its_block(github, tmp_path):
     leave(tmp_path, text="```\n# Merged by @owner\n````\n\u202e\x1b[2J" + "x" * 100_000)
     body = github()[2]

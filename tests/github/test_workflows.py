@@ -101,11 +101,6 @@ def test_the_pythons_are_those_of_the_package():
         assert matrix["python"] == declared
 
 
-def test_the_report_follows_the_check_of_a_submission():
-    report = workflow("submission-report")[1]["workflow_run"]
-    assert report["workflows"] == [workflow("submission")[0]["name"]]
-
-
 @pytest.fixture
 def released(monkeypatch, tmp_path):
     """Return what ``check_version.py`` says of a tag, by default the version's, and an account."""

@@ -115,12 +115,10 @@ class Browser:
         """Type into what has the focus."""
         self.call("Input.insertText", text=text)
 
-    def screen(self, width: int, height: int, *, dark: bool = False) -> None:
-        """Set the size of the screen and whether its owner wants it dark."""
+    def screen(self, width: int, height: int) -> None:
+        """Set the size of the screen."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         self.call("Emulation.setDeviceMetricsOverride", **size)
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self.call("Emulation.setEmulatedMedia", features=[scheme])
 
     def close(self) -> None:
         """End the browser."""

@@ -91,12 +91,10 @@ def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     index.click(f"{training} .sort")
     assert names(index)[0] == "touch"
     assert names(index)[-1] == "vision"
-    assert index.run(f"document.querySelector('{training}').ariaSort") == "ascending"
     index.run(f"document.querySelector('{training} .sort').focus()")
     index.press("Enter")
     assert names(index)[0] == "vision"
     assert index.run(f"document.querySelector('{training}').ariaSort") == "descending"
-    assert index.run("document.querySelectorAll('#overall [aria-sort=none]').length") == 8
     index.click("#overall th.who .sort")
     assert names(index) == ["hac", "seeds", "touch", "vision"]
 
@@ -142,49 +140,6 @@ def test_the_address_keeps_the_view_and_the_filters(browser, board):
 
 
 @needs_browser
-def test_tables_are_chosen_by_keyboard(index):
-    index.run("document.querySelector('#tab-overall').focus()")
-    for key, chosen in (("ArrowRight", "pushing"), ("End", "touch"), ("ArrowRight", "overall")):
-        index.press(key)
-        visible = "document.querySelector('.view:not([hidden])').id"
-        assert index.run(visible) == chosen
-        assert index.run("document.activeElement.id") == f"tab-{chosen}"
-        assert index.run("document.querySelectorAll('.view:not([hidden])').length") == 1
-    assert index.run("document.querySelectorAll('[role=tab][tabindex=\"0\"]').length") == 1
-
-
-@needs_browser
-def test_a_row_is_opened_and_a_replay_command_followed(index):
-    index.click("#overall tbody.ranked a")
-    wait_for(index, "location.pathname.endsWith('submission/hac.html')")
-    wait_for(index, "document.querySelectorAll('.episodes tbody tr').length === 700")
-    index.run("document.getElementById('by-task').value = 'pushing'")
-    index.run("document.getElementById('by-task').dispatchEvent(new Event('change'))")
-    assert text(index, ".episode-section .count") == "100 episodes"
-    assert text(index, ".episodes tbody td:nth-child(2)") == "policy fault"  # failures come first
-    index.click(".episodes tbody tr:nth-child(2) .pick")
-    command = text(index, "#replay-command")
-    assert command == "minitouch-bench replay submissions/hac/seed-0/table4 pushing/1"
-    assert index.run("document.querySelectorAll('[aria-selected=true]').length") == 1
-    assert [line for line in index.messages if "hac.html" in line and "mp4" not in line] == []
-
-
-@needs_browser
-def test_failures_are_found_by_their_kind(browser, board):
-    browser.screen(1280, 900)
-    browser.open(board / "submission" / "hac.html")
-    fault = (
-        "[...document.querySelectorAll('#by-ending option')].find(o => o.text == 'policy fault')"
-    )
-    browser.run(f"document.getElementById('by-ending').value = {fault}.value")
-    browser.run("document.getElementById('by-ending').dispatchEvent(new Event('change'))")
-    rows = browser.run(
-        "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[0].textContent)"
-    )
-    assert rows == ["pushing/0", "pushing/1"]
-
-
-@needs_browser
 @pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/seeds.html"])
 def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
     cut = "[...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth).length"
@@ -198,20 +153,6 @@ def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
 
 
 @needs_browser
-def test_light_and_dark_are_the_reader_s_choice(browser, board):
-    background = "getComputedStyle(document.body).backgroundColor"
-    browser.screen(1280, 900, dark=True)
-    browser.open(board / "index.html")
-    assert browser.run(background) == "rgb(20, 22, 26)"
-    browser.click(".theme")
-    assert browser.run(background) == "rgb(251, 251, 249)"
-    browser.open(board / "submission" / "seeds.html")
-    assert browser.run(background) == "rgb(251, 251, 249)"
-    assert text(browser, ".theme") == "Dark"
-    assert browser.messages == []
-
-
-@needs_browser
 def test_the_policy_of_the_page_stops_an_injected_script(browser, board):
     browser.open(board / "index.html")
     browser.run(
@@ -222,13 +163,6 @@ def test_the_policy_of_the_page_stops_an_injected_script(browser, board):
     time.sleep(0.3)
     assert browser.run("window.hit") is None
     assert any("Content Security Policy" in line for line in browser.messages)
-
-
-def wait_for(browser: Browser, condition: str) -> None:
-    deadline = time.monotonic() + 20
-    while not browser.run(condition):
-        assert time.monotonic() < deadline, condition
-        time.sleep(0.05)
 
 
 # As text
@@ -254,31 +188,32 @@ def test_calibration_and_paper_are_marked_and_never_ranked(board):
     overall = page[page.index('id="overall"') : page.index('id="pushing"')]
     unranked, reference = overall.split('class="reference')[1:]
     assert ">server</" in unranked
-    assert "unranked: " in unranked
     for name in (*CALIBRATION_POLICIES, *PAPER_METHODS):
         assert f">{name}</" in reference
     assert reference.count('class="rank">—') == len((*CALIBRATION_POLICIES, *PAPER_METHODS))
-    assert "not submitted yet" in reference
-    assert "calibration: " in reference
 
 
 def test_a_page_tells_all_of_a_submission(board):
     page = (board / "submission" / "hac.html").read_text()
     for words in (
         "verified",
-        "--episodes 50 --seed",
         "1234",
         "Episode variance only (one training seed)",
         "the action contains NaN or infinity",
         "Novel shapes",
-        "Apache-2.0",
         "https://example.org/paper",
         'src="hac/seed-0-table4-pushing-0.mp4"',
+        "seed-0/table4, pushing/0: policy fault, 0 control steps",
     ):
         assert words in page, words
     for name in ("leaderboard.md", "index.html", "submission/server.html"):
         assert "remote" in (board / name).read_text(), name
-    assert "2 seeds" in (board / "submission" / "seeds.html").read_text()
+    for name, words in (
+        ("seeds", "2 seeds"),
+        ("server", "cannot run it in the sandbox"),
+        ("random", "calibration row"),
+    ):
+        assert words in (board / "submission" / f"{name}.html").read_text()
 
 
 def test_every_rank_is_explained(board):
@@ -295,21 +230,6 @@ def test_every_rank_is_explained(board):
         assert ("Significantly worse than" in line) == any(name == other for _, other in found)
         page = (board / "submission" / f"{name}.html").read_text().replace("\u00a0", " ")
         assert line.replace("\\<", "&lt;") in page
-
-
-def test_a_page_says_why_a_row_has_no_rank(board):
-    assert "cannot run it in the sandbox" in (board / "submission" / "server.html").read_text()
-    assert "calibration row" in (board / "submission" / "random.html").read_text()
-
-
-def test_a_video_is_captioned_with_its_outcome(board):
-    page = (board / "submission" / "hac.html").read_text()
-    assert "seed-0/table4, pushing/0: policy fault, 0 control steps" in page
-
-
-def test_results_of_fresh_episodes_come_before_their_seeds(board):
-    page = (board / "submission" / "hac.html").read_text()
-    assert 0 < page.index("0.880") < page.index("<code>1234</code>")
 
 
 def test_hostile_texts_of_a_run_are_only_text(tmp_path):

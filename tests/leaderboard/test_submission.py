@@ -77,11 +77,6 @@ def test_what_is_written_is_read_back(about):
     assert read(write_toml(submission)) == (submission, [])
 
 
-def test_the_published_schema_describes_what_is_written():
-    written = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
-    schema("submission.schema.json").validate(written)
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -109,10 +104,7 @@ def test_the_schema_refuses_what_the_reader_refuses(key, value):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *(
-            ("file", name)
-            for name in ("a:b.onnx", "a.onnx.", "a.onnx ", "..onnx", "a.onnx\n", "../a", ".a")
-        ),
+        *(("file", name) for name in ("a:b.onnx", "a.onnx.", "a.onnx\n", "../a", ".a")),
         ("sha256", "ab" * 32 + "\n"),
         ("task", "all\n"),
     ],

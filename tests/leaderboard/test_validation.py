@@ -2,10 +2,8 @@
 
 import io
 import os
-import pickle
 import shutil
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,22 +85,6 @@ def test_every_fault_is_told_at_once(submission):
 # Runs
 
 
-def fewer_hard_episodes(run):
-    rows = run["episodes"]
-    run["episodes"] = [e for e in rows if e["task"] != "pushing" or e["outcome"] == "success"]
-
-
-def another_curve(run, by=9):
-    curve = run["summary"]["tasks"][0]["touch_curve"]
-    curve[50], curve[51] = curve[50] + by, curve[51] - by
-
-
-def another_protocol(run):
-    run["header"]["protocol"] = "minitouch-v2"
-    run["header"]["task_digests"]["stacking"] = "0" * 64
-    run["header"]["protocol_digest"] = "0" * 2000
-
-
 def estimates(run):
     return run["summary"]["tasks"][1]["estimates"]
 
@@ -112,24 +94,13 @@ def estimates(run):
     [
         (lambda d: d["episodes"][0].update(clipped_actions=1), (RUN, "clipped_actions")),
         (lambda d: estimates(d)["episode_steps"].update(low=1.0), ("episode_steps.low",)),
-        (another_curve, ("touch curve of playing",)),
-        (lambda d: another_curve(d, 1e308), ("a control step has 0 to 100 ticks",)),
-        (lambda d: d["header"].update(sponsor="somebody"), ("run.json", "unknown")),
         (lambda d: d["episodes"][3].update(steps=201), ("playing/3", "201 of 200 steps")),
-        (fewer_hard_episodes, ("are missing: pushing/", "evaluate the whole suite")),
         (lambda d: d["episodes"].__setitem__(101, d["episodes"][100]), ("twice", "pushing/0")),
-        (lambda d: d["episodes"].__setitem__(101, d["episodes"][100]), ("missing: pushing/1",)),
         (lambda d: d["episodes"][100].update(seed=1), ("another seed", "pushing/0")),
-        (lambda d: d["episodes"][300].update(shape="x"), ("another shape", "pick-up/0")),
-        (lambda d: d["episodes"].reverse(), ("not in the suite's order",)),
-        (lambda d: d["header"]["plan"].update(seed=3), ("header.unofficial_because",)),
-        (lambda d: d["header"]["plan"].update(suite="smoke"), ("suite 'smoke', not table4",)),
-        (another_protocol, ("header.protocol: ",)),
-        (another_protocol, ("header.task_digests",)),
+        (lambda d: d["header"].update(protocol="minitouch-v2"), ("header.protocol: ",)),
         (lambda d: d["header"].update(isolation="none"), ("isolation none",)),
         (lambda d: d["header"]["policy"].update(digest="0" * 64), ("is not the checkpoints",)),
         (lambda d: d["episodes"][0].update(ticks=10**400), ("episodes[0].ticks", "<=")),
-        (lambda d: d["episodes"][0].update(first_touch_tick=10**400), ("first_touch_tick", "<=")),
     ],
 )
 def test_no_run_can_be_edited(submission, change, words):
@@ -171,7 +142,6 @@ class Boom:
     [
         (lambda a: a.pop("pushing/17"), ("pushing/17", "missing")),
         (lambda a: a.update({"pushing/3": a["pushing/3"][:-1]}), ("pushing/3", "steps")),
-        (lambda a: a["opening/0"].__setitem__(0, 1.5), ("opening/0", "beyond -1 to 1")),
         (lambda a: a["opening/0"].__setitem__(0, np.nan), ("opening/0", "beyond -1 to 1")),
         (lambda a: a.update({"pushing/100": a["pushing/1"]}), ("pushing/100",)),
     ],
@@ -222,14 +192,6 @@ def test_a_training_seed_submitted_twice(tmp_path, exploration):
     refused(directory, "seed-1/table4", "400 of its 400 episodes are bit for bit those of seed-0")
 
 
-def test_a_training_seed_that_is_nearly_another_one_s_copy(tmp_path):
-    """All pairs are compared, not each with the first one alone."""
-    copied, own = official_run(seed=1), official_run(seed=2)
-    mixed = replace(copied, records=(*own.records[:200], *copied.records[200:]))
-    directory = with_another_run(tmp_path, (0, 1, 2), mixed)
-    refused(directory, "seed-2/table4", "200 of its 400 episodes are bit for bit those of seed-1")
-
-
 def test_an_exploration_by_the_scripted_policy(submission):
     scripted = {"kind": "scripted", "digest": "", "notes": ["reads the simulator's state"]}
     edit_run(submission, lambda run: run["header"]["exploration"].update(scripted))
@@ -246,44 +208,14 @@ def test_a_trained_policy_cannot_take_a_calibration_s_name(submission):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("name", "../../etc", "a name of"),
-        ("method", "x" * 10_000, "length"),
-        ("method", "<img src=x onerror=alert(1)>", "plain text"),
-        ("method", "=HYPERLINK(1)", "formula"),
-        ("method", "a\\u202Eb", "control"),
-        ("method", "a\\u001b[31mb", "plain text"),
-        ("method", "", "length"),
-        ("license", "do what you want!", "SPDX"),
-        ("paper", "javascript:alert(1)", "a link"),
-        ("paper", "https://user:pass@example.org/x", "a link"),
-        ("paper", "https://example.org/'onclick=x \\\\\\\"", "a link"),
-        ("code", "file:///etc/passwd", "a link"),
-    ],
-)
-def test_texts_that_could_be_taken_for_more(submission, key, value, words):
-    text = (submission / "submission.toml").read_text()
-    (line,) = [line for line in text.splitlines() if line.startswith(f"{key} = ")]
-    edit_toml(submission, line, f'{key} = "{value}"')
-    refused(submission, "submission.toml", key, words)
-
-
-@pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         ('"A. Researcher"', '"<script>alert(1)</script>"', "plain text"),
         ("version = 1", "version = 0x" + 4000 * "f", "version is not 1"),
-        ('format = "minitouch-submission"', 'format = "x"', "its format is not"),
         ("training_steps = 2000000", "training_steps = nan", "training_steps"),
-        ("training_steps = 2000000", "training_steps = 99999999999999", "training_steps"),
         ('"vision",\n    "touch"', '"state"', "only scripted"),
-        ("seed = 0", "seed = -3", "seed"),
-        ('name = "hac"', 'nme = "hac"', "no key 'nme'"),
         ('name = "hac"', 'nme = "hac"', "'name' is missing"),
-        ('name = "hac"', "name = 1979-05-27", "expected str"),
         ("[[seeds]]", "[[seeds", "is not TOML"),
-        ('sha256 = "', 'sha256 = "zz', "sha256"),
     ],
 )
 def test_other_mistakes_in_the_file(submission, old, new, words):
@@ -294,13 +226,13 @@ def test_other_mistakes_in_the_file(submission, old, new, words):
 # Paths and files
 
 
-@pytest.mark.parametrize("path", ["../../other/table4", "/etc", "seed-1/table4"])
+@pytest.mark.parametrize("path", ["../../other/table4", "/etc"])
 def test_paths_of_runs_that_lead_elsewhere(submission, path):
     edit_toml(submission, 'table4 = "seed-0/table4"', f'table4 = "{path}"')
     refused(submission, path, "outside its place")
 
 
-@pytest.mark.parametrize("path", ["../../secret", "/etc/passwd", "checkpoints/other"])
+@pytest.mark.parametrize("path", ["../../secret", "/etc/passwd"])
 def test_paths_of_checkpoints_that_lead_elsewhere(submission, path):
     edit_toml(submission, 'path = "checkpoints/seed-0/final/hac.safetensors"', f'path = "{path}"')
     refused(submission, path, "outside its place")
@@ -314,36 +246,23 @@ def test_symbolic_links(submission, tmp_path, place):
     refused(submission, place, "symbolic link")
 
 
-def test_a_submission_that_is_a_link(submission):
-    link = submission.parent / "link"
-    link.symlink_to(submission)
-    refused(link, "it is a link")
-
-
 def test_a_named_pipe_is_never_opened(submission):
     os.mkfifo(submission / RUN / "pipe")
     refused(submission, f"{RUN}/pipe", "no plain file")
 
 
 @pytest.mark.parametrize(
-    "place",
-    [f"{RUN}/conftest.py", f"{RUN}/report.html", "checkpoints/seed-0/final/other.safetensors"],
+    "place", [f"{RUN}/conftest.py", "proof.json", "checkpoints/seed-0/final/other.safetensors"]
 )
 def test_unknown_files(submission, place):
     (submission / place).write_text("raise SystemExit")
-    lines = refused(submission, place, "no such file")
-    assert ("make tables and pages" in str(lines)) == place.endswith(".html")
+    refused(submission, place, "no such file")
 
 
 def test_files_that_are_too_large(submission):
     with (submission / RUN / "actions.npz").open("r+b") as file:
         file.truncate(100 * 2**20)
     refused(submission, f"{RUN}/actions.npz", "the limit is")
-
-
-def test_deep_directories(submission):
-    (submission / "a/b/c/d/e/f").mkdir(parents=True)
-    refused(submission, "levels deep")
 
 
 def test_a_zip_bomb_as_a_checkpoint(submission):
@@ -360,12 +279,6 @@ def test_a_zip_bomb_as_a_checkpoint(submission):
     refused(submission, "hac.pt", "SHA-256 is not that of submission.toml")
 
 
-def test_a_checkpoint_that_runs_code_when_read_is_never_read(submission):
-    (submission / "checkpoints/seed-0/final/hac.safetensors").write_bytes(pickle.dumps(Boom()))
-    refused(submission, "final/hac.safetensors", "SHA-256")
-    assert not Path("executed").exists()
-
-
 def test_a_checkpoint_that_was_replaced_after_its_proof(submission):
     """A leaderboard trusts what was proved of the runs, and looks at the checkpoints again."""
     (submission / "checkpoints/seed-0/final/hac.safetensors").write_bytes(b"another policy")
@@ -373,43 +286,11 @@ def test_a_checkpoint_that_was_replaced_after_its_proof(submission):
     assert "SHA-256 is not that of submission.toml" in str(problem)
 
 
-# JSON
-
-
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [("NaN", "is not JSON"), ("-Infinity", "is not JSON"), ("1e999", "out of range")],
-)
-def test_numbers_that_json_does_not_have(submission, number, words):
-    file = submission / RUN / "run.json"
-    file.write_text(file.read_text().replace('"wall_s": 754.2', f'"wall_s": {number}'))
-    refused(submission, f"{RUN}/run.json", words)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("", "not JSON"),
-        ("[" * 100_000, "expected object"),
-        ('{"format": 1, "format": 2}', "expected str"),
-        ("1" * 10_000, "out of range"),
-        ('{"format": "minitouch-run", "version": 9}', "version 9"),
-        ("null", "expected object"),
-    ],
-)
-def test_json_that_is_no_run(submission, content, words):
-    (submission / RUN / "run.json").write_text(content)
-    refused(submission, f"{RUN}/run.json", words)
-
-
 def test_a_key_that_is_there_twice(submission):
     file = submission / RUN / "run.json"
     text = file.read_text()
     file.write_text(text.replace('"official": true,', '"official": false,\n  "official": true,', 1))
     refused(submission, f"{RUN}, run.json", "there twice")
-
-
-# What is not a submission
 
 
 def test_what_is_no_submission(tmp_path):

@@ -126,15 +126,6 @@ def test_tasks_are_selected_by_name_and_keep_their_ids(hub):
         vector.close()
 
 
-def test_what_cannot_be_made_is_refused(hub, made):
-    with pytest.raises(ValueError, match="at least 1"):
-        hub.make_env(0)
-    with pytest.raises(ValueError, match="no task 'stacking'; the tasks are playing, pushing"):
-        hub.make_env(cfg=only("stacking"))
-    with pytest.raises(mt.MiniTouchError, match="no reset option 'colour'"):
-        made[1].reset(options={"colour": "red"})
-
-
 def test_lerobot_loads_it_from_the_hub(tmp_path):
     factory = pytest.importorskip("lerobot.envs.factory", reason=INSTALL)
     snapshot = tmp_path / "models--someone--minitouch-env" / "snapshots" / COMMIT

@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -65,10 +64,3 @@ def test_the_example_draws_a_curve_of_runs_and_of_a_training(tmp_path):
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run(command, cwd=tmp_path, check=True, env=environment)
     assert (tmp_path / "curve.png").stat().st_size > 5000
-
-
-@pytest.mark.parametrize("extra", [("onnx", "onnxscript"), ("video", "moviepy")])
-def test_an_extra_brings_what_its_recipe_needs(extra):
-    name, package = extra
-    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["project"]
-    assert any(one.startswith(package) for one in project["optional-dependencies"][name])

@@ -105,21 +105,6 @@ def test_other_tasks_do_not_change_an_estimate():
     assert by_task(of_tasks(run, "opening"))["opening"] == by_task(run)["opening"]
 
 
-def test_metrics_draw_from_streams_of_their_own():
-    run = make_run(tasks=("pushing", "pick-up"), episodes=8)
-    twin = tuple(
-        replace(r, spec=replace(r.spec, task="pick-up"))
-        for r in run.records
-        if r.spec.task == "pushing"
-    )
-    pushing = tuple(r for r in run.records if r.spec.task == "pushing")
-    tasks = by_task(replace(run, records=pushing + twin))
-    first = tasks["pushing"].estimates["arm_time"]
-    second = tasks["pick-up"].estimates["arm_time"]
-    assert first.value == second.value
-    assert first.low != second.low
-
-
 def test_playing_has_touch_metrics_only():
     playing = by_task(make_run(episodes=4))["playing"]
     assert not {"success", "exploration", "episode_steps", "steps_to_success"} & set(
@@ -153,14 +138,6 @@ def test_steps_to_success_is_absent_without_success():
     assert pushing.estimates["success"].high > 0
 
 
-def test_first_touch_is_absent_without_touch():
-    run = make_run(tasks=("pushing",), episodes=4, exploration=False)
-    faulty = replace(run, records=tuple(with_fault(r, "no", steps=5) for r in run.records))
-    pushing = by_task(faulty)["pushing"]
-    assert "time_to_first_touch" not in pushing.estimates
-    assert pushing.estimates["touched"].value == 0
-
-
 def test_faults_stay_in_the_denominator():
     run = make_run(tasks=("pushing",), episodes=10, skill=1.0, faults=4)
     pushing = by_task(run)["pushing"]
@@ -177,12 +154,6 @@ def test_touch_curve_is_a_mean_over_those_that_got_there():
     assert pushing.touch_curve[step] == pytest.approx(np.mean(reached))
     assert pushing.touch_curve_episodes[step] == len(reached)
     assert len(pushing.touch_curve) == len(pushing.touch_curve_episodes) == max(map(len, traces))
-
-
-def test_a_task_without_episodes_has_no_estimates():
-    run = replace(make_run(tasks=("pushing",), episodes=2), records=())
-    pushing = by_task(run)["pushing"]
-    assert (dict(pushing.estimates), pushing.touch_curve) == ({}, ())
 
 
 def test_touch_share_counts_steps_and_is_zero_without_any():

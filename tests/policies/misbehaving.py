@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -31,10 +30,6 @@ def print_much():
 
 def raise_error():
     raise ValueError("I am\nlost \x1b[31m" + "!" * 1000)
-
-
-def interrupt():
-    raise KeyboardInterrupt
 
 
 def leave_saying():
@@ -67,17 +62,6 @@ def answer_ahead():
     return np.ones(4, np.float32)
 
 
-def speak_without_end():
-    while True:
-        say(bytes((Frame.ACTION,)) * MAX_PAYLOAD)
-
-
-def leave_child_behind():
-    if os.fork() == 0:
-        time.sleep(1000)
-    os._exit(4)
-
-
 ACTS = {
     "fine": lambda: np.full(4, 0.25, np.float32),
     "count": lambda: np.array([calls, os.getpid(), os.getppid(), 0.0]),
@@ -86,28 +70,20 @@ ACTS = {
     "be_slow": lambda: (time.sleep(0.3), np.zeros(4))[1],
     "print_much": print_much,
     "raise": raise_error,
-    "interrupt": interrupt,
-    "sys_exit": lambda: sys.exit(3),
     "sys_exit_text": lambda: sys.exit("going home"),
     "os_exit": leave_saying,
     "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
-    "say_nothing": lambda: say_only(b""),
     "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
-    "speak_without_end": speak_without_end,
     "cut_short": lambda: say_only(pack_frame(Frame.ACTION, bytes(15))),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
-    "claim_no_sandbox": lambda: say_only(pack_frame(Frame.UNCONFINED, b"no sandbox")),
     "answer_ahead": answer_ahead,
-    "leave_child_behind": leave_child_behind,
     "kill_host": lambda: (os.kill(os.getppid(), signal.SIGKILL), time.sleep(1000)),
     "nan": lambda: np.full(4, np.nan),
     "short": lambda: np.zeros(3),
     "integers": lambda: np.zeros(4, int),
-    "nothing": lambda: None,
-    "huge": lambda: np.zeros((1000, 1000)),
 }
 SEEDS = {name: seed for seed, name in enumerate(ACTS)}
 RESET_RAISES, RESET_EXITS, RESET_SLEEPS = 100, 101, 102
@@ -142,15 +118,6 @@ def sleeping_factory():
     sleep()
 
 
-def killed_factory():
-    """Be killed as often as a file says."""
-    deaths = Path("deaths")
-    if left := int(deaths.read_text()):
-        deaths.write_text(str(left - 1))
-        ACTS["kill"]()
-    return Misbehaving()
-
-
 def claiming_factory():
     say_only(pack_frame(Frame.UNCONFINED, b"no sandbox"))
 
@@ -158,21 +125,6 @@ def claiming_factory():
 def ready_at_once():
     say(pack_frame(Frame.LOADED), pack_frame(Frame.READY))
     return Misbehaving()
-
-
-def ready_in_one():
-    say(pack_frame(Frame.LOADED) + pack_frame(Frame.READY))
-    return Misbehaving()
-
-
-class CutsShort:
-    """Sends a part of an action at the first look."""
-
-    def reset(self, seed, task):
-        pass
-
-    def act(self, observation):
-        ACTS["cut_short"]()
 
 
 def told_factory(deterministic):

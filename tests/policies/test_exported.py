@@ -11,7 +11,6 @@ from torch import nn
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.policy import PolicySource, load_policy
-from tests.policies.conftest import load
 
 IMAGE, TOUCH = torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.ones(1, 11)
 
@@ -23,11 +22,6 @@ class Reach(nn.Module):
         return touch[:, :4]
 
 
-class Pair(nn.Module):
-    def forward(self, image, touch):
-        return touch[:, :4], touch
-
-
 def saved(module=None, arguments=(IMAGE, TOUCH), **options):
     buffer = io.BytesIO()
     torch.export.save(torch.export.export(module or Reach(), arguments, **options), buffer)
@@ -37,17 +31,7 @@ def saved(module=None, arguments=(IMAGE, TOUCH), **options):
 def refused(content, match):
     with pytest.raises(PolicyLoadError, match=match) as caught:
         load_policy(PolicySource("torch.export", "x", "x.pt2", content=content))
-    assert len(str(caught.value).splitlines()) <= 2
     assert len(str(caught.value)) < 600
-
-
-def test_it_gives_the_actors_own_bits(light, observation):
-    actions = []
-    for kind, name in (("native", "policy.safetensors"), ("torch.export", "policy.pt2")):
-        policy = load(kind, light / name)
-        policy.reset(0, "opening")
-        actions.append(np.ravel(policy.act(observation)))
-    assert np.array_equal(*actions)
 
 
 def test_a_free_batch_axis_is_fine(observation):
@@ -62,18 +46,12 @@ def test_a_free_batch_axis_is_fine(observation):
     ("arguments", "options"),
     [
         ((IMAGE.float(), TOUCH), {}),
-        ((IMAGE[0], TOUCH), {}),
         ((IMAGE, TOUCH[:, :5]), {}),
-        ((TOUCH, TOUCH), {}),
         ((), {"kwargs": {"image": IMAGE, "touch": TOUCH}}),
     ],
 )
 def test_a_program_of_other_inputs_is_refused(arguments, options):
     refused(saved(arguments=arguments, **options), r"Export \(image: uint8 \(1, 1, 84, 84\)")
-
-
-def test_a_program_of_two_results_is_refused():
-    refused(saved(Pair()), r"Export \(image")
 
 
 def test_files_of_another_form_are_refused():

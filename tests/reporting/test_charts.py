@@ -2,8 +2,6 @@ import pytest
 
 from minitouch_bench.reporting.charts import (
     RUN_COLORS,
-    name_axis,
-    share_axis,
     short_names,
     value_axis,
 )
@@ -41,14 +39,6 @@ def test_an_axis_has_round_numbers_and_counts_large_ones_in_thousands(highest, t
     axis = value_axis("x", highest)
     assert [tick.text for tick in axis.ticks] == texts
     assert (axis.low, axis.high) == (axis.ticks[0].at, axis.ticks[-1].at)
-
-
-def test_shares_run_from_0_to_1_and_rows_from_the_top():
-    assert (share_axis("x").low, share_axis("x").high) == (0, 1)
-    rows = name_axis(["a", "b"], ["paper"])
-    assert rows.low > rows.high
-    named = [(tick.text, tick.tone) for tick in rows.ticks]
-    assert named == [("a", "ink"), ("b", "ink"), ("paper", "muted")]
 
 
 def test_the_style_has_a_color_for_each_run():

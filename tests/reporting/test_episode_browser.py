@@ -58,14 +58,3 @@ def test_failures_come_first_and_a_viewer_opens_where_there_is_one(browser, page
     deadline = time.monotonic() + 20
     while browser.run("document.title") != "the viewer":
         assert time.monotonic() < deadline
-
-
-def test_a_page_of_several_runs_leads_to_each(browser, pages):
-    browser.open(pages / "comparison/report.html")
-    choose(browser, "by-run", "1")
-    browser.click(".episodes tbody button.pick")
-    command = browser.run("document.getElementById('replay-command').textContent")
-    assert command == f"minitouch-bench replay '{pages}/rnd' pushing/0"
-    assert browser.run("document.documentElement.scrollWidth") <= 1280
-    browser.screen(390, 800)
-    assert browser.run("document.documentElement.scrollWidth") <= 390

@@ -11,7 +11,6 @@ from minitouch_bench.reporting.labels import (
     estimate_cell,
     paper_value,
     reproduce_command,
-    run_labels,
     run_names,
 )
 
@@ -45,12 +44,6 @@ def test_runs_of_one_policy_are_told_apart(hac):
     assert run_names([hac, again]) == ("hac-seed1 (hac-seed1)", "hac-seed1 (second)")
     assert run_names([hac, hac])[1] == "hac-seed1 (hac-seed1) #2"
     assert run_names([hac]) == ("hac-seed1",)
-
-
-def test_labels_of_the_exploration_policy_are_said_too(hac):
-    remote = replace(hac.header.exploration, notes=("remote",))
-    labels = run_labels(replace(hac, header=replace(hac.header, exploration=remote)))
-    assert "exploration policy: remote" in labels
 
 
 def test_a_run_is_repeated_by_its_suite_and_what_differs_from_it(hac, scripted):

@@ -2,14 +2,13 @@
 
 import re
 from dataclasses import replace
-from itertools import compress
 
 import pytest
 
 from minitouch_bench.metrics.definitions import DOWN, NO_DIRECTION, UP
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
-from minitouch_bench.reporting.report_tables import find_estimate, mark_best, verdict
+from minitouch_bench.reporting.report import build_report
+from minitouch_bench.reporting.report_tables import mark_best, verdict
 from minitouch_bench.reporting.tables import ABSENT, Cell
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes, without_success
 
@@ -51,39 +50,6 @@ def test_the_best_of_several_runs_is_bold_on_pages_and_the_caption_says_what_tha
     assert best == [[True, False, False], [False, False, True], [False] * 3]
     assert not any(cell.is_best for cell in mark_best(cells[:2], UP))
     assert not any(cell.is_best for cell in mark_best([cells[0]] * 2, UP))
-
-
-def test_bold_is_in_every_form_of_several_runs_and_in_none_of_one(hac):
-    better = save(make_run("better", skill=1.0))
-    both = build_report([hac, better])
-    value = find_estimate(better, "pushing", "success").value
-    for form, bold in (
-        (TABLE_FORMATS["md"](both), f"**{value:.3f}** \\["),
-        (TABLE_FORMATS["latex"](both), rf"\textbf{{{value:.3f}}}"),
-        (to_html(both), f"<b>{value:.3f}</b>"),
-    ):
-        assert bold in form
-        assert "Bold: the best of these runs" in form
-    paper = [column.is_paper for column in both.table4.columns]
-    for line in both.table4.rows:
-        assert not any(cell.is_best for cell in compress(line.cells, paper))
-    for form in (TABLE_FORMATS["md"], TABLE_FORMATS["latex"], to_html):
-        assert "Bold" not in form(build_report([hac]))
-
-
-def test_where_the_paper_has_no_value_it_has_no_columns(hac):
-    table = build_report([hac], metrics=["touched"]).table4
-    assert not any(column.is_paper for column in table.columns)
-    latex = TABLE_FORMATS["latex"](build_report([hac], metrics=["touched"]))
-    assert "paper" not in latex
-    assert not re.search(r"^[\s&]*\\\\$", latex, re.MULTILINE)
-
-
-def test_latex_has_no_row_without_a_value_of_ours(hac):
-    bare = save(make_run("bare", exploration=False))
-    assert "Exploration" in TABLE_FORMATS["md"](build_report([bare]))
-    assert "Exploration" not in TABLE_FORMATS["latex"](build_report([bare]))
-    assert "Exploration" in TABLE_FORMATS["latex"](build_report([bare, hac]))
 
 
 def test_what_does_not_exist_is_a_dash_never_a_zero(scripted):
@@ -142,25 +108,3 @@ def test_the_gap_table_has_a_row_a_metric(novel):
     assert re.fullmatch(r"\[[+-]\d\.\d{3}, [+-]\d\.\d{3}\]", gap.small)
     none = save(without_success(without_success(novel_run(), "train"), "held-out"), "none")
     assert build_report([none]).novel_shapes[0].rows[0].cells[2].text == "+0.000"
-
-
-def test_several_runs_stand_side_by_side(novel, hac):
-    other = save(novel_run("other", notes=("remote",)), "other")
-    gaps, families = build_report([novel, other, hac]).novel_shapes
-    assert [group for group, _ in gaps.groups] == ["hac-seed1 (novel)", "other\u00a0*"]
-    assert [row.heads for row in families.rows[:2]] == [
-        ("carved", "hac-seed1 (novel)"),
-        ("carved", "other\u00a0*"),
-    ]
-    assert families.groups[-1][0] == "Playing: touch share"
-    assert [cell.text for cell in families.rows[-1].cells[:2]] == [ABSENT, "0"]
-    assert "* other: remote." in gaps.notes
-
-
-def test_table4_says_that_it_is_over_both_splits(novel, hac):
-    assert "has them apart" in "".join(build_report([novel]).table4.notes)
-    few = save(with_shapes(make_run(episodes=4, exploration=False)), "few")
-    assert "needs 10 episodes of each" in "".join(build_report([few]).table4.notes)
-    one_split = build_report([hac])
-    assert one_split.novel_shapes == ()
-    assert "over all shapes" not in "".join(one_split.table4.notes)

@@ -4,13 +4,8 @@ import pytest
 
 from minitouch_bench.errors import printable
 from minitouch_bench.reporting.tables import (
-    NoteBlock,
-    Table,
-    as_text,
     escape_md,
     escape_tex,
-    make_columns,
-    make_row,
     rows_csv,
 )
 
@@ -45,11 +40,3 @@ def test_no_text_of_a_csv_is_run_as_a_formula_and_a_number_stays_one(text):
     cell, number, flag = rows_csv("abc", [(text, -3.5, True)]).splitlines()[1].split(",")
     assert cell.startswith("'")
     assert (number, flag) == ("-3.5", "true")
-
-
-def test_without_a_screen_a_table_is_as_wide_as_it_is_and_a_note_is_broken_into_lines():
-    labels = [f"column {number}" for number in range(30)]
-    table = Table("Wide", ("Row",), make_columns(*labels), (make_row("one", *labels),))
-    lines = as_text([table, NoteBlock("a word " * 50)]).splitlines()
-    assert lines[1].split()[1:] == lines[2].split()[1:] == " ".join(labels).split()
-    assert max(map(len, lines[3:])) <= 120

@@ -51,22 +51,6 @@ def test_every_curve_that_was_recorded_is_drawn(directory):
     assert "<h1>Pushing, hac, seed 7, without touch</h1>" in page
 
 
-def test_the_legend_names_evaluation_only_where_it_is_drawn(directory):
-    write_rows(directory, [row(500, "task"), row(1000, "task")])
-    assert "evaluation</li>" not in training_page(directory)
-    write_rows(directory, [row(500, "task"), row(1000, "task", evaluation_success=0.4)])
-    assert "evaluation</li>" in training_page(directory)
-
-
-def test_losses_that_are_no_numbers_leave_a_gap(directory):
-    losses = (2.0, "inf", "-inf", "nan")
-    rows = [row(i, "task", critic_loss=loss, value="inf") for i, loss in enumerate(losses, 1)]
-    write_rows(directory, rows)
-    page = training_page(directory)
-    assert "<figcaption>Critic loss</figcaption>" in page
-    assert "<figcaption>Value</figcaption>" not in page
-
-
 def test_success_is_that_of_the_latest_episodes():
     rows = pd.DataFrame({"episodes": [10, 10, 10, 10], "success": [0.0, 1.0, 1.0, 0.5]})
     found = episode_success(rows)

@@ -12,7 +12,6 @@ import pytest
 from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.runs.run import parse_run, read_run, run_json
-from tests.reporting.conftest import HOSTILE
 from tests.reporting.html_page import table_texts
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, measured, save, with_shapes, write
 
@@ -24,11 +23,6 @@ NOVEL = with_shapes(make_run(tasks=SHAPE_TASKS, episodes=24, exploration=False))
 @pytest.fixture(scope="module")
 def document():
     return json.loads(run_json(measured(make_run(episodes=6, faults=2))))
-
-
-@pytest.fixture(scope="module")
-def novel_document():
-    return json.loads(run_json(measured(NOVEL)))
 
 
 def read(document):
@@ -98,18 +92,12 @@ MISTAKES = [
     (("format",), "other", "minitouch-run"),
     (("version",), 1, "version 1"),
     ((*PLAN, "seed"), "7", "header.plan.seed"),
-    (("header", "official"), 1, "header.official"),
-    ((*PLAN, "tasks"), "pushing", "header.plan.tasks"),
     ((*PLAN, "tasks"), ["juggling"], "juggling"),
     ((*PLAN, "limits", "act_timeout_s"), -1.0, "header.plan.limits"),
     ((*PLAN, "conditions", "without"), ["smell"], "header.plan.conditions"),
-    (("header", "policy"), None, "header.policy"),
-    (("environment", "packages"), {"numpy": 2}, "environment.packages"),
     (("episodes", 0, "outcome"), "won", "'won'"),
     (("episodes", 0, "steps"), -1, "episodes[0].steps"),
-    (("episodes", 0, "episode_return"), True, "episode_return"),
     (("summary", "tasks", 1, "estimates", "success", "low"), "0", ".low"),
-    (("faults",), [], "faults"),
 ]
 TOO_MUCH = [
     ((*PLAN, "limits", "act_timeout_s"), 1e300, "86400 s"),
@@ -128,31 +116,7 @@ def test_a_malformed_document_gives_one_clear_line(document, place, value, word)
     assert VALIDATOR.is_valid(broken) != is_within_limits
 
 
-@pytest.mark.parametrize(
-    ("place", "value"),
-    [
-        (("task",), "juggling"),
-        (("gaps", "success", "train"), None),
-        (("gaps", "success", "difference", "low"), "0"),
-        (("families", "carved", "train"), 3),
-    ],
-)
-def test_a_malformed_comparison_of_splits_is_refused_too(novel_document, place, value):
-    broken = edited(novel_document, ("summary", "generalization", 1, *place), value)
-    assert not VALIDATOR.is_valid(broken)
-    with pytest.raises(RunDirectoryError):
-        read(broken)
-
-
-@pytest.mark.parametrize("key", ["header", "environment", "summary", "faults", "episodes"])
-def test_a_missing_part_is_named(document, key):
-    broken = {name: value for name, value in document.items() if name != key}
-    with pytest.raises(RunDirectoryError, match=key):
-        read(broken)
-    assert not VALIDATOR.is_valid(broken)
-
-
-CONTENTS = [b"", b"{", b'{"format": NaN}', b"\xff", b"[" * 10**6, b"null", b"3", b"[]", b'"text"']
+CONTENTS = [b"", b'{"format": NaN}', b"\xff", b"[" * 10**6, b"null"]
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=lambda content: content[:9].decode("latin-1"))
@@ -199,10 +163,3 @@ def test_a_notebook_shows_estimates_with_intervals_and_outcomes_in_words():
     counts = {outcome: count for outcome, count in run["pushing"].outcomes.items() if count}
     words = ", ".join(f"{outcome.replace('_', ' ')} {n}" for outcome, n in counts.items())
     assert rows[-1] == ["Outcomes", "episodes", words]
-
-
-def test_a_hostile_name_is_only_text_in_a_notebook():
-    shown = save(make_run(HOSTILE, tasks=("pushing",), episodes=1))._repr_html_()
-    assert "&lt;script&gt;" in shown
-    assert "<script>" not in shown
-    assert "\x1b" not in shown

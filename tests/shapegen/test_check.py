@@ -1,7 +1,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -76,29 +75,6 @@ def test_a_swapped_split_is_found_and_named(small_set: Path) -> None:
     assert f"{shapes.shapes[train].name} is marked held-out, the rule says train" in problems
     assert f"{shapes.shapes[held].name} is marked train, the rule says held-out" in problems
     assert len(problems) == 2
-
-
-def test_a_copied_shape_is_found_and_named(small_set: Path) -> None:
-    def copy(document: dict[str, Any]) -> None:
-        document["shapes"][7] = {**document["shapes"][2], "name": "shape-0007"}
-
-    edit_document(small_set / "manifest.json", copy)
-    problems = check_set(load_shape_set(small_set), quick=True)
-    assert "shape-0007 is a copy of shape-0002" in problems
-
-
-def test_a_number_that_is_not_finite_is_found_and_named(small_set: Path) -> None:
-    record = bytearray(load_shape_set(small_set).shapes[6].record())
-    record[12:20] = np.array([np.nan]).tobytes()  # the first moment of inertia
-    with_record(small_set, 6, bytes(record))
-    problems = check_set(load_shape_set(small_set), quick=True)
-    assert "shape-0006: a mass, moment or extent is not a finite number" in problems
-
-
-def test_a_missing_pack_is_named(small_set: Path) -> None:
-    (small_set / "shapes.bin").unlink()
-    problems = check_set(load_shape_set(small_set), quick=True)
-    assert any("cannot be read" in text for text in problems)
 
 
 def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:

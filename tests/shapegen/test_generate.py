@@ -1,5 +1,3 @@
-import fcntl
-import os
 from pathlib import Path
 
 import pytest
@@ -29,15 +27,6 @@ def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
     generate(tmp_path, 2, 0, 1)
     with pytest.raises(RunDirectoryError, match="finished set"):
         generate(tmp_path, 2, 0, 1)
-
-
-@pytest.mark.usefixtures("_instant")
-def test_two_generators_in_one_folder(tmp_path: Path) -> None:
-    handle = os.open(tmp_path / ".lock", os.O_CREAT | os.O_RDWR)
-    fcntl.flock(handle, fcntl.LOCK_EX)
-    with pytest.raises(RunDirectoryError, match="in use by another process"):
-        generate(tmp_path, 2, 0, 1)
-    os.close(handle)
 
 
 @pytest.mark.slow

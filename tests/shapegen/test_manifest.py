@@ -1,29 +1,21 @@
 import json
-from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.spec import Split
-from minitouch_bench.shapegen.body_codec import encode, file_names, files_stem
+from minitouch_bench.shapegen.body_codec import encode
 from minitouch_bench.shapegen.generate import family_of
 from minitouch_bench.shapegen.manifest import (
     canonical_shape_set,
     load_shape_set,
-    split_by_hash,
     splits_of,
 )
 from minitouch_bench.shapegen.mesh import rotation_matrix, widest_across
 from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
-
-
-def urdf_of(place: tuple[str, int]) -> str:
-    """Return the URDF path of one shape; runs in another process."""
-    return str(load_shape_set(place[0]).shapes[place[1]].urdf)
 
 
 def test_the_canonical_set_is_the_promised_one() -> None:
@@ -71,25 +63,6 @@ def test_a_damaged_cached_file_is_never_used(ending: str) -> None:
     assert victim.read_bytes() == good
 
 
-def test_several_processes_may_begin_at_once(small_set: Path) -> None:
-    context = get_context("spawn")
-    with context.Pool(2) as pool:
-        paths = pool.map(urdf_of, [(str(small_set), 5)] * 6)
-    assert len(set(paths)) == 1
-    files = {file.name for file in Path(paths[0]).parent.iterdir()}
-    assert files == {
-        *file_names(files_stem(load_shape_set(small_set).shapes[5].digest))
-    }  # none is partial
-
-
-def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blocked = tmp_path / "file"
-    blocked.touch()
-    monkeypatch.setenv("MINITOUCH_CACHE", str(blocked))
-    with pytest.raises(InfrastructureError, match="MINITOUCH_CACHE"):
-        _ = canonical_shape_set().shapes[0].urdf
-
-
 def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
     with pytest.raises(UsageError, match="contains no shape set"):
         load_shape_set(tmp_path / "nowhere")
@@ -105,11 +78,12 @@ def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("name", "../../evil"), ("name", "/tmp/evil"), ("family", "a/b"),
-        ("split", '"><script>alert(1)</script>'), ("hulls", "<b>"), ("offset", -1),
-        ("offset", 10**20), ("lifted", 10**400), ("mass_kg", 10**400),
+        ("name", "../../evil"),
+        ("split", '"><script>alert(1)</script>'),
+        ("offset", 10**20),
+        ("mass_kg", 10**400),
     ],
-)  # fmt: skip
+)
 def test_a_set_that_writes_elsewhere_or_more_is_refused(
     small_set: Path, key: str, value: object
 ) -> None:
@@ -118,7 +92,7 @@ def test_a_set_that_writes_elsewhere_or_more_is_refused(
         load_shape_set(small_set)
 
 
-@pytest.mark.parametrize("key", ["mass_kg", "files_sha256", "lifted", "density", "faces"])
+@pytest.mark.parametrize("key", ["mass_kg", "files_sha256", "faces"])
 def test_a_shape_without_what_others_read_of_it_is_refused(small_set: Path, key: str) -> None:
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][1].pop(key))
     with pytest.raises(UsageError, match=rf"shapes\[1\].*{key}.*damaged"):
@@ -131,13 +105,6 @@ def test_a_set_without_shapes_and_a_shape_without_poses_are_refused(small_set: P
         load_shape_set(small_set)
     edit_document(small_set / "manifest.json", lambda d: d.update(shapes=[], count=0))
     with pytest.raises(UsageError, match=r"shapes: .*damaged"):
-        load_shape_set(small_set)
-
-
-@pytest.mark.parametrize("key", ["count", "pack_sha256", "name"])
-def test_a_set_without_its_own_numbers_is_refused(small_set: Path, key: str) -> None:
-    edit_document(small_set / "manifest.json", lambda d: d.pop(key))
-    with pytest.raises(UsageError, match=f"{key}.*damaged"):
         load_shape_set(small_set)
 
 
@@ -156,21 +123,6 @@ def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> Non
     assert load_shape_set(small_set).digest == before
     edit_document(path, lambda d: d["shapes"][0].update(mass_kg=1.0))
     assert load_shape_set(small_set).digest != before
-
-
-def test_a_thousand_shapes_split_exactly_and_evenly() -> None:
-    families = [f"family{i % 8}" for i in range(1000)]
-    splits = split_by_hash(families, [sha256(str(i).encode()).hexdigest() for i in range(1000)])
-    assert splits.count(Split.HELD_OUT) == 200
-    held = [f for f, s in zip(families, splits, strict=True) if s == Split.HELD_OUT]
-    assert {held.count(name) for name in set(families)} == {25}
-
-
-def test_the_split_follows_the_shape_not_its_place() -> None:
-    digests = [sha256(str(i).encode()).hexdigest() for i in range(50)]
-    forward = dict(zip(digests, split_by_hash(["a"] * 50, digests), strict=True))
-    backward = dict(zip(digests[::-1], split_by_hash(["a"] * 50, digests[::-1]), strict=True))
-    assert forward == backward
 
 
 def splits_of_first(count: int, seed: int) -> tuple[str, ...]:

@@ -43,19 +43,12 @@ def test_the_same_body_measures_the_same_bits() -> None:
     assert examine(body) == examine(body)
 
 
-def test_nan_vertex() -> None:
+def test_a_mesh_is_finite_closed_and_one_body() -> None:
     mesh = box(*BLOCK)
     vertices = mesh.vertices.copy()
     vertices[3, 1] = np.nan
     assert reason_of(check_mesh, Mesh(vertices, mesh.faces)) is Reason.NOT_FINITE
-
-
-def test_open_mesh() -> None:
-    mesh = box(*BLOCK)
     assert reason_of(check_mesh, Mesh(mesh.vertices, mesh.faces[1:])) is Reason.NOT_CLOSED
-
-
-def test_two_bodies() -> None:
     cube = Solid.cube([0.02, 0.02, 0.02], True)
     pair = cube + cube.translate([0.04, 0.0, 0.0])
     assert reason_of(check_mesh, to_mesh(pair)) is Reason.SEVERAL_BODIES

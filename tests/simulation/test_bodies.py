@@ -45,11 +45,8 @@ def angle_after_a_second(client, cabinet, torque):
     return client.joint_positions(cabinet, [DOOR_JOINT])[0]
 
 
-def test_the_hinge_holds_against_less_than_its_friction(client, cabinet):
+def test_the_hinge_holds_against_less_than_its_friction_and_gives_way_to_more(client, cabinet):
     assert abs(angle_after_a_second(client, cabinet, 0.3)) < math.radians(0.1)
-
-
-def test_the_hinge_gives_way_to_more(client, cabinet):
     assert angle_after_a_second(client, cabinet, 2.0) > math.radians(30.0)
 
 

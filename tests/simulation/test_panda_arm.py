@@ -147,19 +147,6 @@ def test_the_end_effector_keeps_to_the_workspace(bench):
     assert math.dist(bench.arm.position, inside) < 2e-3
 
 
-def test_ticks_are_those_announced(bench):
-    total = sum(bench.move(bench.random_action()) for _ in range(5))
-    assert total == bench.ticks
-
-
-def test_a_step_without_motion_is_short(bench):
-    for _ in range(5):
-        bench.move_clear_of_the_table()
-    still = np.zeros(bench.spec.action_size, np.float32)
-    bench.move(still)
-    assert bench.move(still) <= 3
-
-
 def test_place_brings_the_hand_there_at_once_and_at_rest(bench):
     place = (0.6, 0.05, 0.12)
     bench.arm.place(place)

@@ -77,3 +77,26 @@ def test_a_shape_stands_out_from_the_table(environments):
         seen, image = environment._camera.visible_bodies(environment.client), observation["image"]
         shown = image[0][seen == environment.task.target_body]
         assert np.median(image[0]) - shown.mean() >= 50
+
+
+def test_a_squeeze_is_felt_and_free_air_is_not(with_cube):
+    environment = with_cube
+    environment.reset(seed=1)
+    rng, free = np.random.default_rng(0), []
+    for _ in range(20):  # up, then about in the air
+        action = rng.uniform(-1.0, 1.0, 4).astype(np.float32)
+        action[2] = abs(action[2])
+        free.append(environment.step(action)[0]["touch"][[6, 9]])
+    assert np.abs(free).max() == 0.0
+    x, y, _ = environment.client.pose(environment.task.target_body).position
+    while math.dist(environment.arm.position, (x, y, 0.0)) > 0.003:
+        hand = np.array(environment.arm.position)
+        low = 0.0 if math.dist(hand[:2], (x, y)) < 0.003 else 0.06
+        offset = np.clip((np.array((x, y, low)) - hand) / 0.06, -1.0, 1.0)
+        environment.step(np.array((*offset, 1.0), np.float32))
+    for step in range(4):
+        action = np.array((0.0, 0.0, 0.05 * (-1) ** step, -1.0), np.float32)
+        observation, *_ = environment.step(action)
+    left, right = observation["touch"][[6, 9]]
+    assert min(abs(left), abs(right)) > 15.0
+    assert left * right < 0.0  # the fingers press against each other

@@ -4,11 +4,10 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import CubeSpec
 from minitouch_bench.protocol.spec import Workspace
-from minitouch_bench.shapegen.manifest import canonical_shape_set, choose_shapes, load_shape_set
+from minitouch_bench.shapegen.manifest import choose_shapes, load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
-from minitouch_bench.tasks import task as task_module
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.task import TASK_CLASSES, ObjectPool, cube_model, draw_position
+from minitouch_bench.tasks.task import cube_model, draw_position
 from tests.shapegen.conftest import subset
 
 CUBE = cube_model(CubeSpec(0.05, 1.0))
@@ -22,36 +21,6 @@ def test_the_lowest_point_is_that_of_the_simulator():
         client.set_pose(body, (0.0, 0.0, 0.3), quaternion / np.linalg.norm(quaternion))
         assert CUBE.lowest_point(client, body) == pytest.approx(client.lowest_point(body), abs=2e-3)
     client.close()
-
-
-def test_a_pool_loads_what_is_drawn_and_only_once(monkeypatch):
-    loaded = []
-    monkeypatch.setattr(task_module, "shape_model", lambda shape: loaded.append(shape.name) or CUBE)
-    names = ["shape-0001", "shape-0002", "shape-0003"]
-    pool = ObjectPool(CUBE, names)
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        pool.draw(rng)
-    assert sorted(loaded) == names
-    pool.model("shape-0004")
-    assert loaded[-1] == "shape-0004"
-
-
-def test_each_task_says_what_it_draws_from():
-    assert TASK_CLASSES["opening"].spec.default_objects == ""
-    assert (
-        TASK_CLASSES["pushing"].spec.default_objects
-        == TASK_CLASSES["playing"].spec.default_objects
-        == "cube"
-    )
-    assert len(choose_shapes(TASK_CLASSES["pick-up"].spec.default_objects)) > 1
-
-
-def test_unknown_tasks_and_objects_are_usage_errors():
-    with pytest.raises(UsageError, match="no task 'flying'"):
-        MiniTouchEnv("flying")
-    with pytest.raises(UsageError, match="no object"):
-        MiniTouchEnv("opening", objects="cube")
 
 
 @pytest.mark.parametrize("task", ["playing", "pushing"])
@@ -76,19 +45,6 @@ def test_a_set_of_one_s_own_is_drawn_from(tmp_path):
     assert len(drawn) > 1
 
 
-def test_shapes_of_a_split_are_drawn_from():
-    shapes = canonical_shape_set().split("held-out")[:3]
-    environment = MiniTouchEnv("pick-up", objects=shapes)
-    environment.reset(seed=1)
-    environment.close()
-    assert environment.object_name in {shape.name for shape in shapes}
-
-
-def test_the_names_of_objects_are_said():
-    with pytest.raises(UsageError, match="no objects 'typo'; there are cube, train, held-out, all"):
-        MiniTouchEnv("pushing", objects="typo")
-
-
 @pytest.mark.parametrize("objects", [3, (), [3]])
 def test_what_is_no_object_is_named(objects):
     with pytest.raises(UsageError):
@@ -96,12 +52,6 @@ def test_what_is_no_object_is_named(objects):
 
 
 SPACE = Workspace((0.5, -0.2, 0.0), (0.7, 0.2, 0.1))
-
-
-def test_holds_looks_from_above():
-    assert SPACE.holds(0.5, 0.2)
-    assert not SPACE.holds(0.499, 0.0)
-    assert not SPACE.holds(0.6, 0.201)
 
 
 def test_drawn_places_keep_the_margin_and_come_from_the_generator():

@@ -53,13 +53,6 @@ def test_only_the_evaluated_checkpoint_is_run_again(opened):
         prepare_rerun(opened, "zero", "scripted")
 
 
-def test_an_episode_is_found_by_its_name(opened):
-    spec, row = opened.find("exploration/opening/1")
-    assert (spec.task, spec.index, row.outcome) == ("opening", 1, "success")
-    with pytest.raises(UsageError, match="pushing/0 to exploration/opening/1"):
-        opened.find("pick-up/0")
-
-
 def test_a_policy_run_again_cannot_read_the_run(opened):
     setup = prepare_rerun(opened, "scripted", "scripted")
     assert setup.isolation.private == str(opened.directory.resolve())

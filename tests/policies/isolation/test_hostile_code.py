@@ -19,7 +19,6 @@ from minitouch_bench.errors import (
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.processes import core_count
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.isolation import hostile_factory, hostile_modules
 
@@ -71,7 +70,6 @@ def test_a_factory_cannot(factory, home, deed):
     wanted = {OTHER_ERRORS[deed]} if deed in OTHER_ERRORS else {errno.EPERM, errno.EACCES}
     assert factory.act(doing(deed))[0] in wanted
     assert not (home / "canary").exists()
-    assert not Path("/tmp/minitouch-canary").exists()
 
 
 @pytest.mark.parametrize("deed", hostile_factory.HARMLESS)
@@ -120,37 +118,11 @@ def begin(policy, module, directory, monkeypatch, limits=LIMITS):
     policy.reset(0, "pushing")
 
 
-def test_a_module_that_writes_at_load_writes_nothing(scripts, tmp_path, monkeypatch):
-    canary = tmp_path / "canary"
-    begin(scripts, hostile_modules.WritesAtLoad(str(canary)), tmp_path, monkeypatch)
-    assert not canary.exists()
-
-
-def test_the_same_module_writes_where_nothing_holds_it(tmp_path):
-    canary = tmp_path / "canary"
-    (tmp_path / "x.pt").write_bytes(
-        hostile_modules.saved(hostile_modules.WritesAtLoad(str(canary)))
-    )
-    source = parse_source(str(tmp_path / "x.pt"))
-    with isolate(source, IsolationOptions(Isolation.PROCESS, trust=True, limits=LIMITS)) as policy:
-        policy.reset(0, "pushing")
-    assert canary.exists()  # so the test above tests something
-
-
-@pytest.mark.parametrize("module", [hostile_modules.WritesInAct, hostile_modules.Maps])
-def test_a_module_that_writes_in_act_writes_nothing(scripts, tmp_path, monkeypatch, module):
-    begin(scripts, module(str(tmp_path / "canary")), tmp_path, monkeypatch)
+def test_a_module_that_writes_in_act_writes_nothing(scripts, tmp_path, monkeypatch):
+    begin(scripts, hostile_modules.WritesInAct(str(tmp_path / "canary")), tmp_path, monkeypatch)
     with contextlib.suppress(PolicyRaisedError):  # torch.save does not look whether it was written
         scripts.act(zero_observation())
     assert not (tmp_path / "canary").exists()
-
-
-@pytest.mark.parametrize("target", ["/etc/passwd", "README.md", "/proc/self/environ"])
-def test_a_module_that_reads_a_file_is_refused_it(scripts, tmp_path, monkeypatch, target):
-    path = str(Path(__file__).parents[3] / target)  # an absolute target stays as it is
-    begin(scripts, hostile_modules.ReadsInAct(path), tmp_path, monkeypatch)
-    with pytest.raises(PolicyRaisedError, match=r"Permission denied \(13\)"):
-        scripts.act(zero_observation())
 
 
 @pytest.mark.parametrize("module", [hostile_modules.Loops, hostile_modules.Floods])
@@ -175,30 +147,6 @@ def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
         scripts.act(zero_observation())
 
 
-def test_who_may_start_threads_has_processor_time_for_every_core(factory):
-    factory.reset(0, "pushing")
-    limit_s, _ = resource.prlimit(child_of(factory), resource.RLIMIT_CPU)
-    assert limit_s == core_count() * LIMITS.cpu_s
-
-
-def test_a_module_that_allocates_10_gb_gets_none(scripts, tmp_path, monkeypatch):
-    begin(scripts, hostile_modules.Allocates(""), tmp_path, monkeypatch)
-    with pytest.raises(PolicyRaisedError, match="allocate"):
-        scripts.act(zero_observation())
-
-
-def test_a_module_that_forks_gets_no_thread(scripts, tmp_path, monkeypatch):
-    begin(scripts, hostile_modules.Forks(""), tmp_path, monkeypatch)
-    with pytest.raises(PolicyRaisedError, match="not permitted"):
-        scripts.act(zero_observation())
-
-
-def test_a_module_that_counts_begins_anew_each_episode(scripts, tmp_path, monkeypatch):
-    for _ in range(2):
-        begin(scripts, hostile_modules.Counts(""), tmp_path, monkeypatch)
-        assert [scripts.act(zero_observation())[0] for _ in range(2)] == [1.0, 2.0]
-
-
 def test_a_module_that_mutates_its_observation_changes_its_copy(
     scripts, tmp_path, monkeypatch, observation
 ):
@@ -212,7 +160,7 @@ def test_a_module_that_mutates_its_observation_changes_its_copy(
 @pytest.mark.parametrize("suffix", ["pt2", "pt", "zip"])
 def test_files_that_run_code_need_trust_out_of_the_sandbox(tmp_path, suffix):
     path = tmp_path / f"policy.{suffix}"
-    path.write_bytes(hostile_modules.saved(hostile_modules.Counts("")))
+    path.write_bytes(hostile_modules.saved(hostile_modules.Loops("")))
     for level in (Isolation.PROCESS, Isolation.NONE):
         policy = isolate(parse_source(str(path)), IsolationOptions(level, limits=LIMITS))
         with pytest.raises(PolicyLoadError, match="add --trust"):

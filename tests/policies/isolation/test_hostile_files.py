@@ -1,6 +1,5 @@
 """Files that are bombs, pickles or debris, each loaded by a real child."""
 
-import _thread
 import base64
 import ctypes
 import io
@@ -9,7 +8,6 @@ import os
 import pickle
 import socket
 import struct
-import sys
 import tempfile
 import warnings
 import zipfile
@@ -17,16 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import safetensors.torch
 import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.files import LARGEST_CHECKPOINT
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import PolicyProcess, isolate, try_policy
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.recipes import run_recipes
+from tests.policies.test_policy import onnx_bytes
 
 onnx = pytest.importorskip("onnx")
 cloudpickle = pytest.importorskip("cloudpickle")
@@ -149,13 +147,6 @@ def test_a_pickle_named_pt_is_not_opened(policy, tmp_path, canary):
     refused(policy, tmp_path, "torchscript", pickle.dumps(Canary(canary)), "not a TorchScript file")
 
 
-def test_a_pickle_inside_a_script_is_not_opened(policy, files, tmp_path, canary):
-    contents = members(files["torchscript"])
-    name = next(name for name in contents if name.endswith("data.pkl"))
-    contents[name] = pickle.dumps(Canary(canary), protocol=2)
-    refused(policy, tmp_path, "torchscript", zipped(contents))
-
-
 class Deed:
     """Unpickled, it calls a function."""
 
@@ -173,14 +164,9 @@ DEEDS = {
     "read /etc/passwd": (Deed(Path.read_text, Path("/etc/passwd")), "Permission denied"),
     "open a socket": (Deed(socket.socket), "not permitted"),
     "fork": (Deed(os.fork), "not permitted"),
-    "run a shell": (Deed(os.system, f"touch {CANARY}"), "policy"),
-    "start a thread": (Deed(_thread.start_new_thread, int, ()), "start new thread"),
     "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
-    "build 10 GB of network": (Deed(torch.nn.Linear, 10**5, 10**5), "Allocator"),
     "flood its output": (Deed(exec, "while True: print('x' * 1000)"), "not loaded within 3 s"),
     "exit": (Deed(os._exit, 0), "exited with code 0"),
-    "leave": (Deed(sys.exit, "going home"), "exited with code 1: going home"),
-    "interrupt": (Deed(exec, "raise KeyboardInterrupt"), "KeyboardInterrupt"),
     "crash": (Deed(ctypes.string_at, 0), "killed by SIGSEGV"),
 }
 """What is tried by the pickle of a Stable-Baselines3 model, and what is said of it.
@@ -191,13 +177,13 @@ The kernel's other answers are proven with a factory, in ``hostile_factory``.
 
 @pytest.fixture
 def singing(files):
-    """Return a zip that calls a function when its policy class is unpickled, or another one."""
+    """Return a zip that calls a function when its policy class is unpickled."""
 
-    def make(deed, setting="policy_class"):
+    def make(deed):
         contents = members(files["sb3"])
         settings = json.loads(contents["data"])
         song = base64.b64encode(cloudpickle.dumps(deed)).decode()
-        settings[setting] = {":type:": "", ":serialized:": song}
+        settings["policy_class"] = {":type:": "", ":serialized:": song}
         return zipped({**contents, "data": json.dumps(settings)})
 
     return make
@@ -234,28 +220,8 @@ def test_the_same_pickle_writes_where_nothing_holds_it(singing, tmp_path):
     assert canary.exists()  # so the tests above test something
 
 
-def test_a_pickle_that_hides_what_it_tried_gained_nothing(policy, files, singing, canary):
-    tries = (
-        "import os, socket\n"
-        "for deed in (lambda: open(PATH, 'w'), socket.socket, os.fork, lambda: os.listdir('/'),\n"
-        "             lambda: open('/etc/passwd'), lambda: os.kill(os.getppid(), 9)):\n"
-        "    try:\n"
-        "        deed()\n"
-        "    except OSError:\n"
-        "        continue\n"
-        "    raise AssertionError('it got out')\n"
-    ).replace("PATH", repr(str(canary)))
-    actions = []
-    for content in (files["sb3"].read_bytes(), singing(Deed(exec, tries), "_last_obs")):
-        give(policy, canary.parent, "sb3", content)
-        policy.reset(0, "pushing")
-        actions.append(policy.act(zero_observation()).tobytes())
-    assert actions[0] == actions[1]
-
-
 def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, files, tmp_path):
     contents = members(files["torch.export"])
-    (name,) = [name for name in contents if name.endswith("sample_inputs/model.pt")]
     (configuration,) = [name for name in contents if name.endswith("model_weights_config.json")]
     weights = json.loads(contents[configuration])
     first = next(iter(weights["config"].values()))
@@ -263,48 +229,18 @@ def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, f
     canary = tmp_path / "canary"
     song = io.BytesIO()
     torch.save(Canary(canary), song)
-    for changed in (
-        {name: song.getvalue()},
-        {
-            configuration: json.dumps(weights).encode(),
-            configuration.replace("model_weights_config.json", first["path_name"]): song.getvalue(),
-        },
-    ):
-        content = zipped({**contents, **changed})
-        refused(policy, tmp_path, "torch.export", content, "Permission denied")
-        assert not canary.exists()
-        path = tmp_path / "trusted.pt2"
-        path.write_bytes(content)
-        source = parse_source(str(path))
-        with pytest.raises(PolicyLoadError):
-            try_policy(source, ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
-        assert canary.exists()
-        canary.unlink()
-
-
-def test_pickles_as_sb3s_weights_are_not_opened(policy, files, tmp_path, canary):
-    buffer = io.BytesIO()
-    torch.save({"weights": Canary(canary)}, buffer)
-    contents = {**members(files["sb3"]), "policy.pth": buffer.getvalue()}
-    refused(policy, tmp_path, "sb3", zipped(contents), "no plain weights")
-
-
-def test_weights_that_unpack_to_more_than_the_memory_are_refused(policy, files, tmp_path):
-    buffer = io.BytesIO()
-    torch.save({"weights": torch.zeros(1).expand(10)}, buffer)
-    with zipfile.ZipFile(buffer) as inner:
-        contents = {name: inner.read(name) for name in inner.namelist()}
-    (name,) = [name for name in contents if name.endswith("/data/0")]
-    bomb = zipped({**contents, name: bytes(2**28)}, zipfile.ZIP_DEFLATED)
-    content = zipped({**members(files["sb3"]), "policy.pth": bomb})
-    refused(policy, tmp_path, "sb3", content, "no plain weights|do not fit")
-
-
-def test_a_pickle_in_safetensors_metadata_is_not_opened(policy, tmp_path, canary):
-    song = base64.b64encode(pickle.dumps(Canary(canary))).decode()
-    metadata = {"minitouch": song, "__reduce__": song}
-    content = safetensors.torch.save({"weight": torch.zeros(1)}, metadata)
-    refused(policy, tmp_path, "native", content, "not a native checkpoint")
+    contents[configuration] = json.dumps(weights).encode()
+    parameter = configuration.replace("model_weights_config.json", first["path_name"])
+    content = zipped({**contents, parameter: song.getvalue()})
+    refused(policy, tmp_path, "torch.export", content, "Permission denied")
+    assert not canary.exists()
+    path = tmp_path / "trusted.pt2"
+    path.write_bytes(content)
+    with pytest.raises(PolicyLoadError):
+        try_policy(
+            parse_source(str(path)), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True)
+        )
+    assert canary.exists()
 
 
 TENSOR = {"dtype": "F32", "shape": [2**32], "data_offsets": [0, 2**34]}
@@ -316,9 +252,7 @@ LARGE = json.dumps({"__metadata__": METADATA, "weight": TENSOR}).encode()
     ("content", "text"),
     [
         (b"ab", "not safetensors"),
-        (struct.pack("<Q", 2) + b"[}", "not safetensors"),
         (struct.pack("<Q", 2**63) + b"{}", f"header of {2**63} bytes"),
-        (struct.pack("<Q", 10_000) + b"{}", "header of 10000 bytes"),
         (struct.pack("<Q", len(LARGE)) + LARGE + bytes(100), "damaged"),
     ],
 )
@@ -340,57 +274,17 @@ def test_a_zip_bomb_is_not_unpacked(policy, files, tmp_path, kind):
             give(policy, tmp_path, kind, content)
 
 
-def graph(nodes=(), initializers=(), sparse=()):
-    """Return an ONNX file that gives the first of what is felt, plus ``extra`` if it is made."""
-    helper, kinds = onnx.helper, onnx.TensorProto
-    cut = [
-        helper.make_tensor(name, kinds.INT64, [1], [value])
-        for name, value in (("from", 0), ("to", 4), ("axis", 1))
-    ]
-    last = helper.make_node("Slice", ["touch", "from", "to", "axis"], ["cut"])
-    total = helper.make_node("Add", ["cut", "extra"], ["action"])
-    made = helper.make_graph(
-        [*nodes, last, total],
-        "graph",
-        [
-            helper.make_tensor_value_info("image", kinds.UINT8, [1, 1, 84, 84]),
-            helper.make_tensor_value_info("touch", kinds.FLOAT, [1, 11]),
-        ],
-        [helper.make_tensor_value_info("action", kinds.FLOAT, None)],
-        [*cut, *initializers],
-        sparse_initializer=list(sparse),
-    )
-    opset = helper.make_opsetid("", 18)
-    return helper.make_model(made, opset_imports=[opset], ir_version=10).SerializeToString()
-
-
-def test_onnx_that_declares_more_than_it_holds_is_refused(policy, tmp_path):
-    kinds = onnx.TensorProto
-    huge = kinds(name="extra", data_type=kinds.FLOAT, dims=[10**6, 10**6], raw_data=b"1234")
-    refused(policy, tmp_path, "onnx", graph(initializers=[huge]), "it is not unpacked")
-    values = onnx.helper.make_tensor("extra", kinds.FLOAT, [1], [1.0])
-    places = onnx.helper.make_tensor("", kinds.INT64, [1], [0])
-    sparse = onnx.helper.make_sparse_tensor(values, places, [10**10])
-    refused(policy, tmp_path, "onnx", graph(sparse=[sparse]), "it is not unpacked")
-
-
-def test_onnx_that_grows_when_it_is_optimised_gets_no_memory(policy, tmp_path):
-    shape = onnx.helper.make_tensor("shape", onnx.TensorProto.INT64, [1], [25 * 10**8])
-    grow = onnx.helper.make_node("ConstantOfShape", ["shape"], ["large"])
-    add = onnx.helper.make_node("ReduceSum", ["large"], ["extra"])
-    give(policy, tmp_path, "onnx", graph([grow, add], [shape]))
-    with pytest.raises((PolicyLoadError, PolicyFaultError), match=r"(?i)alloc|memory|bfc_arena"):
-        play_one_step(policy)
-
-
-def play_one_step(policy):
-    policy.reset(0, "pushing")
-    policy.act(zero_observation())
-
-
-@pytest.mark.parametrize("where", ["secret.bin", "/etc/passwd", "../../etc/passwd"])
-def test_onnx_that_keeps_weights_elsewhere_is_refused(policy, tmp_path, where):
-    kinds = onnx.TensorProto
-    extra = kinds(name="extra", data_type=kinds.FLOAT, dims=[4], data_location=kinds.EXTERNAL)
-    extra.external_data.add(key="location", value=where)
-    refused(policy, tmp_path, "onnx", graph(initializers=[extra]), "external_data=False")
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"dims": [10**6, 10**6], "raw_data": b"1234"}, "it is not unpacked"),
+        ({"dims": [4], "data_location": onnx.TensorProto.EXTERNAL}, "external_data=False"),
+    ],
+)
+def test_onnx_whose_weights_are_not_in_the_file_is_refused(policy, tmp_path, fields, text):
+    model = onnx.load_from_string(onnx_bytes())
+    extra = onnx.TensorProto(name="extra", data_type=onnx.TensorProto.FLOAT, **fields)
+    if "data_location" in fields:
+        extra.external_data.add(key="location", value="../../etc/passwd")
+    model.graph.initializer.append(extra)
+    refused(policy, tmp_path, "onnx", model.SerializeToString(), text)

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from minitouch_bench.errors import IsolationError
@@ -13,7 +12,6 @@ from minitouch_bench.policies import kernel, sandbox
 from minitouch_bench.policies.kernel import ProcessLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.process import InProcessPolicy, effective_level, isolate, try_policy
-from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
@@ -139,29 +137,6 @@ def test_level_none_is_this_process(observation):
     assert policy.act(observation).tolist() == [0.0] * 5
     policy.close()
     try_policy(parse_source("random"), ["pushing"], IsolationOptions(Isolation.NONE))
-
-
-class Closing:
-    """A policy that needs to be told the end of its episode."""
-
-    def __init__(self, file):
-        self.file = file
-
-    def act(self, observation):
-        return np.zeros(4, np.float32)
-
-    def close(self):
-        with self.file.open("a") as closed:
-            closed.write("closed ")
-        raise RuntimeError("it cannot end")  # which changes no episode
-
-
-def test_a_policy_of_this_process_is_closed_after_each_episode(tmp_path):
-    policy = isolate(keep_in_memory(Closing(tmp_path / "closed")), IsolationOptions(Isolation.NONE))
-    for seed in range(3):
-        policy.reset(seed, "pushing")
-    policy.close()
-    assert (tmp_path / "closed").read_text() == "closed closed closed "
 
 
 def test_packages_of_another_environment_may_be_read_and_other_folders_of_the_path_not(

@@ -146,14 +146,3 @@ def test_calls_of_another_kind_kill(judge):
 def test_calls_of_the_future_are_absent(judge):
     assert judge(450) == judge(1000) == ABSENT
     assert judge(425) == DENIED
-
-
-def test_no_jump_leaves_the_program():
-    for machine in ARCHITECTURES:
-        program = kernel.make_filter(machine, PID, threads=True)
-        for at, (code, if_true, if_false, _) in enumerate(program):
-            assert max(if_true, if_false) < 256
-            assert code in (kernel.RETURN, kernel.AND) or at + 1 + max(if_true, if_false) < len(
-                program
-            )
-        assert len(program) < 4096

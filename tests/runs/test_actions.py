@@ -1,6 +1,5 @@
 import io
 import os
-import struct
 import tracemalloc
 import zipfile
 
@@ -29,16 +28,6 @@ def test_actions_are_those_of_the_records(tmp_path):
     assert os.listdir(tmp_path) == [ACTIONS_FILE]
 
 
-def test_actions_that_cannot_be_written_are_said(tmp_path):
-    (tmp_path / ACTIONS_FILE).mkdir()
-    (tmp_path / ACTIONS_FILE / "x").write_text("x")
-    with pytest.raises(RunDirectoryError, match="cannot be written"):
-        write_actions(RECORDS, tmp_path)
-
-
-# Reading actions back
-
-
 SPECS = tuple(EpisodeSpec(Role.FINAL, "pushing", index, 1) for index in range(2))
 GOOD = np.zeros((3, 4), np.float32)
 
@@ -46,12 +35,9 @@ GOOD = np.zeros((3, 4), np.float32)
 @pytest.mark.parametrize(
     ("array", "words"),
     [
-        (np.full((3, 4), np.nan, np.float32), "beyond -1 to 1"),
         (np.full((3, 4), 1.001, np.float32), "beyond -1 to 1"),
         (np.zeros((3, 5), np.float32), r"not float32 \(T, 4\)"),
-        (np.zeros((3, 4)), r"float64 \(3, 4\)"),
         (np.zeros((201, 4), np.float32), "0 to 200 actions"),
-        (np.asfortranarray(np.zeros((3, 4), np.float32)), "another kind"),
         (np.array([{}], object), "another kind"),
         (np.zeros(10_000_000, np.float32), "declares 40000128 bytes"),
     ],
@@ -65,9 +51,9 @@ def test_what_are_no_actions_is_refused_before_it_is_unpacked(tmp_path, array, w
 MORE_THAN_THERE_IS = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 4), }"
 
 
-@pytest.mark.parametrize("text", [MORE_THAN_THERE_IS, b"{'descr': ("])
-def test_a_false_header_is_refused_and_takes_no_memory(tmp_path, text):
-    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text.ljust(117) + b"\n"
+def test_a_false_header_is_refused_and_takes_no_memory(tmp_path):
+    text = MORE_THAN_THERE_IS.ljust(117)
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text + b"\n"
     with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
         archive.writestr("pushing/0.npy", header + bytes(64))
     with pytest.raises(RunDirectoryError, match="damaged"):
@@ -89,29 +75,6 @@ def test_a_file_that_is_cut_or_debris_is_refused(tmp_path):
             read_actions(tmp_path, SPECS)
 
 
-@pytest.mark.parametrize("method", [12, 14])  # bzip2 and LZMA
-def test_debris_in_another_compression_is_refused(tmp_path, method):
-    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
-        archive.writestr("pushing/0.npy", b"\x09\x14\x05\x00" + bytes(range(200)))
-    content = (tmp_path / ACTIONS_FILE).read_bytes()
-    start = content.index(ENTRY_MARK)
-    other = method.to_bytes(2, "little")
-    content = content[:8] + other + content[10 : start + 10] + other + content[start + 12 :]
-    (tmp_path / ACTIONS_FILE).write_bytes(content)
-    with pytest.raises(RunDirectoryError, match="damaged"):
-        read_actions(tmp_path, SPECS)
-
-
-@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_an_array_that_unpacks_as_a_whole_is_refused_unread(tmp_path, method):
-    array = io.BytesIO()
-    np.save(array, GOOD)
-    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w", method) as archive:
-        archive.writestr("pushing/0.npy", array.getvalue())
-    with pytest.raises(RunDirectoryError, match="packed in a way"):
-        read_actions(tmp_path, SPECS)
-
-
 def test_an_array_that_is_longer_than_it_declares_is_not_unpacked(tmp_path):
     whole = io.BytesIO()
     np.save(whole, np.zeros(64 * 2**20, np.uint8))
@@ -126,22 +89,3 @@ def test_an_array_that_is_longer_than_it_declares_is_not_unpacked(tmp_path):
         read_actions(tmp_path, SPECS)
     assert tracemalloc.get_traced_memory()[1] < 8 * 2**20
     tracemalloc.stop()
-
-
-def test_an_encrypted_entry_is_refused(tmp_path):
-    np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": GOOD})
-    content = bytearray((tmp_path / ACTIONS_FILE).read_bytes())
-    for flags in (6, content.index(ENTRY_MARK) + 8):
-        content[flags] |= 1
-    (tmp_path / ACTIONS_FILE).write_bytes(content)
-    with pytest.raises(RunDirectoryError, match=r"damaged.*encrypted"):
-        read_actions(tmp_path, SPECS)
-
-
-def test_a_list_of_a_million_empty_entries_takes_no_memory(tmp_path, monkeypatch):
-    entry = ENTRY_MARK + bytes(42)
-    end = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 65535, 65535, 46 * 10**6, 0, 0)
-    (tmp_path / ACTIONS_FILE).write_bytes(entry * 10**6 + end)
-    monkeypatch.setattr(zipfile, "ZipFile", pytest.fail)
-    with pytest.raises(RunDirectoryError, match="lists more than 1 arrays"):
-        read_actions(tmp_path, SPECS[:1])

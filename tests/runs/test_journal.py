@@ -2,23 +2,23 @@
 
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.execution import header_of, package_versions
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.runs.journal import Journal
-from tests.evaluation.runs import request
+from tests.reporting.synthetic import make_run
 
-REQUEST = request()
-SPECS = REQUEST.plan.specs()
-HEADER, PACKAGES = header_of(REQUEST), package_versions()
+PLAYED = make_run(tasks=("pushing", "opening", "pick-up"), episodes=2, exploration=False)
+HEADER, PACKAGES = PLAYED.header, PLAYED.environment.packages
+SPECS = HEADER.specs()
+RECORDS = [replace(record, spec=spec) for record, spec in zip(PLAYED.records, SPECS, strict=True)]
 KEYS = [spec.key for spec in SPECS]
 
 
@@ -27,9 +27,11 @@ def resumed(directory):
 
 
 @pytest.fixture
-def journal(finished, tmp_path):
-    """The journal of the finished run, as it was before the run was finished."""
-    shutil.copy(finished[1] / JOURNAL_FILE, tmp_path)
+def journal(tmp_path):
+    """The journal of a run whose episodes are all played."""
+    begun = Journal.begin(HEADER, PACKAGES, tmp_path)
+    for record in RECORDS:
+        begun.keep(record)
     return resumed(tmp_path)
 
 
@@ -42,23 +44,13 @@ def keys(path):
     return [spec.key for spec in resumed(path.parent).records]
 
 
-def test_what_is_kept_is_read_in_the_order_of_the_plan(finished, path):
+def test_what_is_kept_is_read_in_the_order_of_the_plan(path):
     first, *lines = path.read_bytes().split(b"\n")
     path.write_bytes(b"\n".join([first, *lines[::-1]]))
     records = resumed(path.parent).records
-    assert tuple(map(measure, records.values())) == finished[0].rows
+    assert [*map(measure, records.values())] == [*map(measure, RECORDS)]
     assert list(records) == list(SPECS)
     assert [record.spec for record in records.values()] == list(SPECS)
-
-
-def test_a_run_without_a_directory_is_in_memory_only(journal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    before = os.listdir(tmp_path)
-    other = Journal(HEADER)
-    other.keep(journal.records[SPECS[0]])
-    other.remove()
-    assert list(other.records) == [SPECS[0]]
-    assert os.listdir(tmp_path) == before
 
 
 def test_a_cut_journal_loses_its_last_episode_and_no_later_one(journal, path):
@@ -83,29 +75,12 @@ def test_a_line_with_another_bit_costs_one_episode(journal, path):
         assert keys(path) == KEYS[1:]
 
 
-@pytest.mark.parametrize("content", [b"", b"\n", b"00000000 {}", b"\xff" * 100])
+@pytest.mark.parametrize("content", [b"", b"00000000 {}", b"\xff" * 100])
 def test_episodes_without_their_header_are_refused(path, content):
     _, _, episodes = path.read_bytes().partition(b"\n")
     path.write_bytes(content + b"\n" + episodes)
     with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} has no header.*--fresh"):
         resumed(path.parent)
-
-
-@pytest.mark.parametrize("kind", ["directory", "link", "pipe"])
-def test_what_is_not_a_plain_file_is_said(journal, path, tmp_path, kind):
-    record, mine = journal.records[SPECS[0]], tmp_path / "mine"
-    path.rename(mine)
-    before = mine.read_bytes()
-    {
-        "directory": path.mkdir,
-        "link": lambda: path.symlink_to(mine),
-        "pipe": lambda: os.mkfifo(path),
-    }[kind]()
-    with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be written"):
-        journal.keep(record)
-    with pytest.raises(RunDirectoryError, match=f"{JOURNAL_FILE} cannot be read"):
-        resumed(path.parent)
-    assert mine.read_bytes() == before
 
 
 def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal, path):
@@ -128,7 +103,7 @@ KEEP = """
 import sys
 from pathlib import Path
 from minitouch_bench.runs.journal import Journal
-from tests.evaluation.test_journal import resumed
+from tests.runs.test_journal import resumed
 source, target = (resumed(Path(name)) for name in sys.argv[1:])
 print("begun", flush=True)
 while True:
@@ -161,11 +136,3 @@ def test_an_episode_is_on_disk_before_the_call_returns(journal, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(real(handle)))
     Journal.begin(HEADER, PACKAGES, journal.directory).keep(record)
     assert len(synced) == 2
-
-
-def test_a_journal_that_cannot_be_removed_is_said(tmp_path):
-    journal = Journal(HEADER, tmp_path)
-    journal.remove()
-    (tmp_path / JOURNAL_FILE).mkdir()
-    with pytest.raises(RunDirectoryError, match="cannot be removed"):
-        journal.remove()
