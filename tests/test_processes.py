@@ -9,11 +9,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.processes import (
-    ARITHMETIC,
-    interrupts_held,
-    run_in_workers,
-)
+from minitouch_bench.processes import ARITHMETIC, interrupts_held, run_in_workers
 from tests.process_tree import is_alive, wait_until
 
 UNSET = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}

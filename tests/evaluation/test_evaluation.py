@@ -2,11 +2,7 @@ import pytest
 
 from minitouch_bench.api import evaluate
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import (
-    HopelessRunError,
-    InfrastructureError,
-    RunDirectoryError,
-)
+from minitouch_bench.errors import HopelessRunError, InfrastructureError, RunDirectoryError
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.execution import header_of, open_run
 from minitouch_bench.evaluation.rollout import LocalEngine

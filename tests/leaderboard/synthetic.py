@@ -9,13 +9,7 @@ import numpy as np
 from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json, write_toml
-from minitouch_bench.leaderboard.proof import (
-    FreshProof,
-    FreshResult,
-    Proof,
-    ProofLevel,
-    proof_path,
-)
+from minitouch_bench.leaderboard.proof import FreshProof, FreshResult, Proof, ProofLevel, proof_path
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
     CheckpointFile,

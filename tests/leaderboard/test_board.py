@@ -9,17 +9,8 @@ import numpy as np
 import pytest
 
 from minitouch_bench.json_io import plain
-from minitouch_bench.leaderboard.board import (
-    CALIBRATION_POLICIES,
-    FLOORS,
-    in_order,
-    make_board,
-)
-from minitouch_bench.leaderboard.proof import (
-    MAX_PROOF,
-    ProofLevel,
-    proof_path,
-)
+from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES, FLOORS, in_order, make_board
+from minitouch_bench.leaderboard.proof import MAX_PROOF, ProofLevel, proof_path
 from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
     FLOOR_SUCCESS,

@@ -3,11 +3,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.episode import Role
-from minitouch_bench.metrics.summary import (
-    MIN_EPISODES,
-    generalize,
-    has_both_splits,
-)
+from minitouch_bench.metrics.summary import MIN_EPISODES, generalize, has_both_splits
 from tests.reporting.synthetic import (
     SHAPE_TASKS,
     make_run,

@@ -1,11 +1,7 @@
 import pytest
 import torch
 
-from minitouch_bench.policies.networks import (
-    ARCHITECTURES,
-    TouchActor,
-    VisualEncoder,
-)
+from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
 
 IMAGE = torch.randint(0, 256, (2, 1, 84, 84), dtype=torch.uint8)
 TOUCH = torch.randn(2, 11)

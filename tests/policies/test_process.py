@@ -21,11 +21,7 @@ from minitouch_bench.errors import (
     PolicyRaisedError,
     PolicyTimeoutError,
 )
-from minitouch_bench.policies.policy import (
-    Isolation,
-    IsolationOptions,
-    zero_observation,
-)
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits

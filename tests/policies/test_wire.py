@@ -2,11 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import describe, plain_line
-from minitouch_bench.policies.wire import (
-    WireError,
-    pack_observation,
-    unpack_observation,
-)
+from minitouch_bench.policies.wire import WireError, pack_observation, unpack_observation
 
 
 def test_observation_survives(observation):

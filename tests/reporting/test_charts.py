@@ -1,10 +1,6 @@
 import pytest
 
-from minitouch_bench.reporting.charts import (
-    RUN_COLORS,
-    short_names,
-    value_axis,
-)
+from minitouch_bench.reporting.charts import RUN_COLORS, short_names, value_axis
 from minitouch_bench.reporting.pages import STYLE, TEMPLATES
 
 

@@ -3,11 +3,7 @@
 import pytest
 
 from minitouch_bench.errors import printable
-from minitouch_bench.reporting.tables import (
-    escape_md,
-    escape_tex,
-    rows_csv,
-)
+from minitouch_bench.reporting.tables import escape_md, escape_tex, rows_csv
 
 
 def test_printable_keeps_one_line_of_visible_text():
