@@ -148,7 +148,7 @@ class PolicyProcess:
                 answer = self._host.order(order, limit_s, channel.descriptors)
                 break
             except HostGoneError as error:
-                problem = f"{error}: {self._host.last_line()}"
+                problem = f"{error}: {self._host.output.last_line()}"
                 self._drop_host()
             finally:
                 channel.hand_over()

@@ -5,6 +5,7 @@ pickled: an answer is read by the trusted side as numbers and text only.
 """
 
 import contextlib
+import io
 import os
 import select
 import socket
@@ -176,20 +177,18 @@ class OutputPipe:
     """The reading end of a pipe that is a process's standard output and standard error."""
 
     def __init__(self) -> None:
-        self._reader, self.writer = os.pipe()
-        os.set_blocking(self._reader, False)
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        self._reader, self.writer = io.FileIO(reader), io.FileIO(writer, "wb")
         self._tail = b""
 
     def fileno(self) -> int:
         """Return the descriptor to read from."""
-        return self._reader
+        return self._reader.fileno()
 
     def take(self) -> int:
         """Read what there is to read, keep its end and return its length; 0 at the end."""
-        try:
-            part = os.read(self._reader, DRAIN_CHUNK)
-        except BlockingIOError:
-            return 0
+        part = self._reader.read(DRAIN_CHUNK) or b""  # None where nothing is there yet
         self._tail = (self._tail + part)[-KEPT_OUTPUT:]
         return len(part)
 
@@ -202,16 +201,10 @@ class OutputPipe:
         plain = (plain_line(line) for line in reversed(lines))
         return next((line for line in plain if line), "")
 
-    def close_writer(self) -> None:
-        """Close our copy of the writing end, once the process has its own."""
-        if self.writer >= 0:
-            os.close(self.writer)
-            self.writer = -1
-
     def close(self) -> None:
         """Close both ends."""
-        self.close_writer()
-        os.close(self._reader)
+        self.writer.close()
+        self._reader.close()
 
 
 def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bool:
@@ -250,13 +243,13 @@ class EpisodeChannel:
         self.output = OutputPipe()
         self._ours, self._theirs = _packet_pair()
         self._ours.setblocking(False)
-        self.descriptors = (self._theirs.fileno(), self.output.writer)
+        self.descriptors = (self._theirs.fileno(), self.output.writer.fileno())
         self._process = -1
 
     def hand_over(self) -> None:
         """Close our copies of the child's ends, once they were sent to it."""
         self._theirs.close()
-        self.output.close_writer()
+        self.output.writer.close()
 
     def watch(self, pid: int) -> None:
         """Note which process is at the other end; the host reaps it when it is stopped."""
@@ -311,15 +304,6 @@ class EpisodeChannel:
         return packet
 
 
-def _environment(isolation: Isolation) -> dict[str, str]:
-    """Return a host's environment, in the sandbox without what a policy must not learn."""
-    sandboxed = isolation is Isolation.SANDBOX
-    kept = {
-        name: value for name, value in os.environ.items() if not sandboxed or name in HOST_VARIABLES
-    }
-    return {**kept, **HOST_SETTINGS}
-
-
 class HostGoneError(Exception):
     """The host process ended or does not answer."""
 
@@ -328,27 +312,24 @@ class HostConnection:
     """A running host; the kernel kills it when the thread that made it ends."""
 
     def __init__(self, isolation: Isolation) -> None:
-        ours, theirs = _packet_pair()
-        self._output = OutputPipe()
-        self._control = ours
+        self._control, theirs = _packet_pair()
+        self.output = OutputPipe()
         self._in_order = False
+        # In the sandbox a host has nothing in its environment that a policy must not learn.
+        known = HOST_VARIABLES if isolation is Isolation.SANDBOX else os.environ.keys()
+        kept = {name: value for name, value in os.environ.items() if name in known}
         command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.forkserver"]
         with theirs:
-            self._process = subprocess.Popen(
+            self.process = subprocess.Popen(
                 [*command, str(theirs.fileno()), str(os.getpid())],
                 stdin=subprocess.DEVNULL,
-                stdout=self._output.writer,
-                stderr=self._output.writer,
+                stdout=self.output.writer,
+                stderr=self.output.writer,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # Ctrl-C on a terminal is the evaluation's to handle
-                env=_environment(isolation),
+                env={**kept, **HOST_SETTINGS},
             )
-        self._output.close_writer()
-
-    @property
-    def pid(self) -> int:
-        """Process id of the host."""
-        return self._process.pid
+        self.output.writer.close()
 
     def order(
         self, order: Order, timeout_s: float, descriptors: Sequence[int] = ()
@@ -365,7 +346,7 @@ class HostConnection:
         try:
             socket.send_fds(self._control, [msgspec.json.encode(order)], descriptors)
             deadline = time.monotonic() + timeout_s
-            if not wait_for((self._control.fileno(),), self._output, deadline):
+            if not wait_for((self._control.fileno(),), self.output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
             packet = self._control.recv(MAX_PAYLOAD)
         except OSError as error:
@@ -375,16 +356,12 @@ class HostConnection:
         self._in_order = False
         return msgspec.json.decode(packet)
 
-    def last_line(self) -> str:
-        """Return the last line the host printed, made plain."""
-        return self._output.last_line()
-
     def close(self) -> None:
         """End the host and every process it forked."""
         self._control.close()
         try:
-            self._process.wait(CLOSE_S)
+            self.process.wait(CLOSE_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._output.close()
+            self.process.kill()
+            self.process.wait()
+        self.output.close()

@@ -133,7 +133,7 @@ def test_chance_in_a_graph_comes_from_the_episodes_seed(tmp_path, observation):
             policy.reset(seed, "pushing")
             drawn.append(policy.act(observation).tolist())
         assert policy._host is not None
-        assert len(os.listdir(f"/proc/{policy._host.pid}/task")) == 1  # else fork is unsafe
+        assert len(os.listdir(f"/proc/{policy._host.process.pid}/task")) == 1  # else fork is unsafe
     assert drawn[0] == drawn[1] != drawn[2]
 
 

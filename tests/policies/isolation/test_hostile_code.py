@@ -86,12 +86,12 @@ def test_flags_of_the_standard_streams_are_not_remembered(factory):
 
 
 def test_episodes_share_no_memory_that_they_can_write(factory):
-    maps = Path(f"/proc/{factory._host.pid}/maps").read_text().splitlines()
+    maps = Path(f"/proc/{factory._host.process.pid}/maps").read_text().splitlines()
     assert not [line for line in maps if "w" in line.split()[1] and "s" in line.split()[1]]
 
 
 def test_a_host_in_the_sandbox_never_had_the_users_secrets(factory):
-    environment = Path(f"/proc/{factory._host.pid}/environ").read_bytes()
+    environment = Path(f"/proc/{factory._host.process.pid}/environ").read_bytes()
     assert b"s3cret" not in environment
     assert b"PYTHONPATH" in environment
 
@@ -134,7 +134,7 @@ def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, mo
 
 
 def child_of(policy):
-    host = policy._host.pid
+    host = policy._host.process.pid
     return int(Path(f"/proc/{host}/task/{host}/children").read_text())
 
 

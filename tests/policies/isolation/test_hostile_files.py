@@ -120,7 +120,9 @@ def test_every_format_gives_the_same_bits_in_the_sandbox_and_out(files, observat
             ) as policy:
                 policy.reset(3, "opening")
                 actions.append([policy.act(observation).tobytes() for _ in range(3)])
-                assert len(os.listdir(f"/proc/{policy._host.pid}/task")) == 1  # else fork is unsafe
+                assert (
+                    len(os.listdir(f"/proc/{policy._host.process.pid}/task")) == 1
+                )  # else fork is unsafe
         assert actions[0] == actions[1]
 
 
