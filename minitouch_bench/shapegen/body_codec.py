@@ -8,6 +8,7 @@ uint16 vertices and faces, int16 (v, 3), uint8 (f, 3).
 import hashlib
 import struct
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,9 +22,9 @@ MAGIC = b"MTS1"
 _HEAD = struct.Struct("<4s4d3H")
 _HULL = struct.Struct("<2H")
 
-FRICTION = 1.0
-"""Lateral friction in the URDF: PyBullet multiplies it by the other body's."""
-COLOR = "0.62 0.66 0.70 1"
+URDF = Path(__file__).with_name("shape.urdf").read_text("utf-8")
+"""A link whose frame is the inertial frame: no offset, a diagonal tensor. PyBullet multiplies its
+lateral friction by the other body's."""
 FORMAT = "v1"
 """Version of these texts: part of the file names, since PyBullet caches meshes by name."""
 
@@ -128,10 +129,14 @@ def file_names(stem: str) -> tuple[str, str, str]:
 def body_files(body: Body, stem: str = "") -> dict[str, bytes]:
     """Return the bytes of a body's files by their ``file_names``; equal bodies give equal bytes."""
     collision, visual, urdf = file_names(stem or files_stem(digest(encode(body))))
+    ixx, iyy, izz = body.inertia
+    text = URDF.format(
+        mass=body.mass, ixx=ixx, iyy=iyy, izz=izz, visual=visual, collision=collision
+    )
     return {
         collision: obj_text(body.hulls).encode(),
         visual: obj_text((body.visual,)).encode(),
-        urdf: urdf_text(body, visual, collision).encode(),
+        urdf: text.encode(),
     }
 
 
@@ -144,31 +149,3 @@ def obj_text(meshes: tuple[Mesh, ...]) -> str:
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + first).tolist()]
         first += len(mesh.vertices)
     return "\n".join(lines) + "\n"
-
-
-def urdf_text(body: Body, visual: str, collision: str) -> str:
-    """Return a URDF whose link frame is the inertial frame: no offset, a diagonal tensor."""
-    ixx, iyy, izz = body.inertia
-    return f"""<?xml version="1.0"?>
-<robot name="shape">
-  <link name="body">
-    <contact>
-      <lateral_friction value="{FRICTION}"/>
-    </contact>
-    <inertial>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <mass value="{body.mass!r}"/>
-      <inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/>
-    </inertial>
-    <visual>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <geometry><mesh filename="{visual}"/></geometry>
-      <material name="grey"><color rgba="{COLOR}"/></material>
-    </visual>
-    <collision>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <geometry><mesh filename="{collision}"/></geometry>
-    </collision>
-  </link>
-</robot>
-"""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pybullet_data
 
 from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
 from minitouch_bench.shapegen.body_codec import Body, body_files
@@ -19,7 +20,6 @@ from minitouch_bench.shapegen.mesh import (
     rotation_matrix,
     yaw,
 )
-from minitouch_bench.simulation.bodies import stock_panda
 from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
 
 PAD_HALF_WIDTH = 0.0105
@@ -55,30 +55,8 @@ LIFT = 0.08
 SETTLE_TICKS, WATCH_TICKS = 300, 60
 CLOSE_TICKS, LIFT_TICKS, HOLD_TICKS = 60, 120, 30
 
-_GRIPPER = """<?xml version="1.0"?>
-<robot name="gripper">
-  <link name="post"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1"
-    iyz="0" izz="1"/></inertial></link>
-  <link name="hand"><inertial><mass value="0.8"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1"
-    iyz="0" izz="0.1"/></inertial>
-    <collision><origin xyz="0 0 0.033"/><geometry><box size="0.063 0.204 0.066"/></geometry>
-    </collision></link>
-  <joint name="lift" type="prismatic"><parent link="post"/><child link="hand"/>
-    <axis xyz="0 0 -1"/><limit lower="-1" upper="1" effort="1000" velocity="1"/></joint>
-  {fingers}
-</robot>
-"""
-_FINGER = """<link name="{name}">
-    <contact><friction_anchor/><stiffness value="{stiffness}"/><damping value="{damping}"/>
-      <spinning_friction value="0.1"/><lateral_friction value="1.0"/></contact>
-    <inertial><mass value="0.1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>
-    </inertial>
-    <collision><origin xyz="0 0 0" rpy="0 0 {turn}"/><geometry><mesh filename="{mesh}"/>
-    </geometry></collision></link>
-  <joint name="{name}_slide" type="prismatic"><parent link="hand"/><child link="{name}"/>
-    <origin xyz="0 0 0.0584"/><axis xyz="0 {side} 0"/>
-    <limit lower="0" upper="{opening}" effort="100" velocity="0.2"/></joint>
-"""
+GRIPPER = Path(__file__).with_name("gripper.urdf")
+"""A hand that a post lifts, with the Panda's fingers: a template of what the protocol says."""
 
 
 @dataclass(frozen=True)
@@ -182,20 +160,13 @@ class GripRig:
         *_, urdf = files
         self._urdf = folder / urdf
         self._gripper = folder / "gripper.urdf"
-        mesh = stock_panda().parent / "meshes/collision/finger.obj"
-        fingers = "".join(
-            _FINGER.format(
-                name=name,
-                turn=turn,
-                side=side,
-                mesh=mesh,
-                opening=FINGER_OPEN,
-                stiffness=PROTOCOL.physics.finger_stiffness,
-                damping=PROTOCOL.physics.finger_damping,
-            )
-            for name, turn, side in (("left", 0.0, 1), ("right", np.pi, -1))
+        text = GRIPPER.read_text("utf-8").format(
+            mesh=Path(pybullet_data.getDataPath()) / "franka_panda/meshes/collision/finger.obj",
+            opening=FINGER_OPEN,
+            stiffness=PROTOCOL.physics.finger_stiffness,
+            damping=PROTOCOL.physics.finger_damping,
         )
-        self._gripper.write_text(_GRIPPER.format(fingers=fingers))
+        self._gripper.write_text(text)
         self._vertices = np.concatenate([hull.vertices for hull in body.hulls])
 
     def settle(self, pose: RestPose) -> Rest:

@@ -1,22 +1,24 @@
-"""Bodies of our own making: a light Panda, the cube, the cabinet with its door; the table."""
+"""Bodies: the Panda's files, the cube, the cabinet with its door, and the table."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
-
-import pybullet_data
 
 from minitouch_bench.files import cache_file
 from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
 from minitouch_bench.protocol.spec import Rgba
 from minitouch_bench.simulation.client import PhysicsClient
 
-MESHES = Path(__file__).parent / "panda"
-PORTRAIT = Path(__file__).parent / "portrait"
-"""The arm's meshes for pictures, which are not the protocol's."""
-PORTRAIT_COLORS = {"white": "1 1 1 1", "dark": "0.4 0.4 0.43 1"}
+PANDA = Path(__file__).parent / "panda/panda.urdf"
+"""The Panda of ``pybullet_data`` with meshes of far fewer triangles, as ``benchmarks.panda_meshes``
+makes it with the protocol's colors and stiffness of the fingers.
+
+The software renderer's cost grows with triangles: the stock visual meshes hold about 100,000,
+these about 900. Loading a world costs by vertices of the collision hulls: the hand and the fingers
+keep the stock ones, the other links have the light meshes."""
+
+PORTRAIT_PANDA = Path(__file__).parent / "portrait/panda.urdf"
+"""A Panda that is only looked at, which is not the protocol's: 8,000 triangles in two colors."""
 
 Box = tuple[Sequence[float], Sequence[float]]
 """Center and full size (m) in the link's frame."""
@@ -26,64 +28,6 @@ COLORS = PROTOCOL.observation
 DOOR_LINK = 0
 HANDLE_LINK = 1
 DOOR_JOINT = 0
-
-
-def stock_panda() -> Path:
-    """Return the URDF of the full Panda in ``pybullet_data``."""
-    return Path(pybullet_data.getDataPath()) / "franka_panda/panda.urdf"
-
-
-@cache
-def light_panda() -> Path:
-    """Return the URDF of ``pybullet_data``'s Panda with meshes of far fewer triangles.
-
-    The software renderer's cost grows with triangles: the stock visual meshes hold about
-    100,000, these about 900. Loading a world costs by vertices of the collision hulls: the hand
-    and the fingers keep the stock ones, the other links have the light meshes.
-    ``benchmarks.panda_meshes`` makes the files in ``panda/`` from the installed package.
-    """
-    physics, observation = PROTOCOL.physics, PROTOCOL.observation
-    root = ET.parse(stock_panda()).getroot()
-    for link in root.iter("link"):
-        for kind in ("visual", "collision"):
-            for mesh in link.iterfind(f"{kind}/geometry/mesh"):
-                stem = Path(mesh.attrib["filename"]).stem
-                whole = kind == "collision" and stem == "hand"
-                mesh.set("filename", str(MESHES / f"{stem}-{'stock' if whole else 'light'}.obj"))
-                if kind == "visual" and stem == "hand":
-                    mesh.set("scale", f"1 {observation.hand_drawn_width} 1")
-        for stiffness in link.iterfind("contact/stiffness"):
-            stiffness.set("value", str(physics.finger_stiffness))
-        for damping in link.iterfind("contact/damping"):
-            damping.set("value", str(physics.finger_damping))
-        for material in link.iterfind("visual/material"):
-            name = link.attrib["name"]
-            material.clear()
-            material.set("name", f"{name}_paint")
-            color = observation.hand_color if name == "panda_hand" else observation.arm_color
-            ET.SubElement(material, "color", rgba=_text(color))
-    return cache_file("panda", ".urdf", ET.tostring(root))
-
-
-@cache
-def portrait_panda() -> Path:
-    """Return the URDF of a Panda that is only looked at, with 8,000 triangles in two colors."""
-    root = ET.parse(stock_panda()).getroot()
-    for link in root.iter("link"):
-        for collision in link.findall("collision"):
-            link.remove(collision)
-        for whole in link.findall("visual"):
-            link.remove(whole)
-            stem = Path(next(whole.iter("mesh")).attrib["filename"]).stem
-            for color, rgba in PORTRAIT_COLORS.items():
-                if (file := PORTRAIT / f"{stem}-{color}.obj").exists():
-                    part = deepcopy(whole)
-                    part.remove(next(part.iter("material")))
-                    next(part.iter("mesh")).set("filename", str(file))
-                    material = ET.SubElement(part, "material", name=color)
-                    ET.SubElement(material, "color", rgba=rgba)
-                    link.append(part)
-    return cache_file("panda", ".urdf", ET.tostring(root))
 
 
 @cache

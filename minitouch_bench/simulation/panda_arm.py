@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ArmSpec
-from minitouch_bench.simulation.bodies import light_panda
+from minitouch_bench.simulation.bodies import PANDA
 from minitouch_bench.simulation.client import PhysicsClient, Vector, quaternion_from_euler
 
 ARM_JOINTS = (0, 1, 2, 3, 4, 5, 6)
@@ -30,7 +30,7 @@ class PandaKinematics:
 
     def __init__(self, posture: Sequence[float]) -> None:
         self._client = PhysicsClient()
-        self._body = self._client.load_urdf(light_panda(), fixed=True)
+        self._body = self._client.load_urdf(PANDA, fixed=True)
         self._posture = tuple(posture)
         limits = [self._client.joint_limits(self._body, joint) for joint in ARM_JOINTS]
         self._low = [low for low, _ in limits]
@@ -93,7 +93,7 @@ class PandaArm:
         self._client = client
         self._kinematics = kinematics
         self._spec = spec
-        self.body = client.load_urdf(light_panda(), fixed=True)
+        self.body = client.load_urdf(PANDA, fixed=True)
         self.yaw = 0.0
         """Commanded yaw of the gripper (rad)."""
         self.gripper_opening = CONTROL.gripper_start

@@ -16,7 +16,7 @@ from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
-from minitouch_bench.simulation.bodies import add_table, portrait_panda
+from minitouch_bench.simulation.bodies import PORTRAIT_PANDA, add_table
 from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.observation import (
     ContactWatch,
@@ -326,7 +326,7 @@ class HumanRenderer:
         self._view = View.of(camera, aspect=width / height)
         self._background = take_out(client, self._view, self._size, static)
         task.add_object(client)
-        client.load_urdf(portrait_panda(), fixed=True)
+        client.load_urdf(PORTRAIT_PANDA, fixed=True)
         self._is_table = self._background.bodies == table
         x, y = seen_on_plane(camera, PROTOCOL.physics.table_top, self._size)
         self._lamp_pixel = View.of(LAMP).pixels(x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)

@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL, TASK_NAMES
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.simulation.bodies import MESHES
+from minitouch_bench.simulation.bodies import PANDA
 
 
 def digests(protocol):
@@ -83,7 +83,7 @@ def test_a_fifth_task_changes_no_digest():
 
 def test_the_meshes_and_shapes_are_those_of_the_protocol():
     sha = hashlib.sha256()
-    for path in sorted(MESHES.glob("*.obj")):
+    for path in sorted(PANDA.parent.glob("*.obj")):
         sha.update(hashlib.sha256(path.read_bytes()).digest())
     assert sha.hexdigest()[:16] == PROTOCOL.physics.arm_meshes
     assert canonical_shape_set().digest == PROTOCOL.shapes

@@ -3,18 +3,17 @@ import math
 import pybullet
 import pytest
 
-from benchmarks.panda_meshes import write_meshes, write_portraits
+from benchmarks.panda_meshes import write_panda, write_portrait
 from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,
     HANDLE_LINK,
-    MESHES,
-    PORTRAIT,
+    PANDA,
+    PORTRAIT_PANDA,
     add_table,
     cabinet_urdf,
     cube_urdf,
-    light_panda,
 )
 from minitouch_bench.simulation.client import PhysicsClient
 
@@ -90,19 +89,20 @@ def test_a_cube_rests_on_its_side_where_it_is_put(client):
     assert dynamics[2] == pytest.approx([50.0 * 0.05**2 / 6] * 3)
 
 
-def test_the_committed_meshes_are_made_from_the_installed_panda(tmp_path):
-    for write, committed in ((write_meshes, MESHES), (write_portraits, PORTRAIT)):
+def test_the_committed_panda_is_made_from_the_installed_panda(tmp_path):
+    for write, urdf in ((write_panda, PANDA), (write_portrait, PORTRAIT_PANDA)):
+        committed = urdf.parent
         write(tmp_path / committed.name)
         made = {path.name: path.read_bytes() for path in (tmp_path / committed.name).iterdir()}
         assert made == {path.name: path.read_bytes() for path in committed.iterdir()}
 
 
 def test_the_urdf_has_the_protocol_s_fingers_and_colors():
-    text = light_panda().read_text()
+    text = PANDA.read_text()
     assert text.count(f'<stiffness value="{PROTOCOL.physics.finger_stiffness}"') == 2
     assert text.count(f'<damping value="{PROTOCOL.physics.finger_damping}"') == 2
     client = PhysicsClient()
-    body = client.load_urdf(light_panda(), fixed=True)
+    body = client.load_urdf(PANDA, fixed=True)
     colors = set(client.colors().values())
     client.close()
     assert body == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.protocol.minitouch import FACING_DOOR, POINTING_DOWN
-from minitouch_bench.simulation.bodies import add_table, light_panda
+from minitouch_bench.simulation.bodies import PANDA, add_table
 from minitouch_bench.simulation.client import PhysicsClient, quaternion_from_euler
 from minitouch_bench.simulation.panda_arm import (
     ARM_JOINTS,
@@ -33,7 +33,7 @@ def test_every_position_of_the_workspace_is_reached_clear_of_the_table(task):
     spec = TASK_CLASSES[task].spec
     kinematics, client = PandaKinematics(spec.arm.posture), PhysicsClient()
     table = add_table(client)
-    body = client.load_urdf(light_panda(), fixed=True)
+    body = client.load_urdf(PANDA, fixed=True)
     for position, orientation in poses(spec, 200):
         joints = kinematics.solve(position, orientation)
         assert kinematics.within_limits(joints)
