@@ -192,8 +192,8 @@ Loader = Callable[[PolicySource], Policy]
 class Format:
     """One way to hand in a policy.
 
-    ``loader`` names a function or a class as ``module:name``, so that no process imports torch but
-    the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
+    ``loader`` names a function or a class of this package as ``module:name``, so that no process
+    imports torch but the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
     ``computes_with`` is the package whose version the actions depend on, as pip names it.
     ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
     computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
@@ -210,14 +210,12 @@ class Format:
 
 
 FORMATS: Mapping[str, Format] = {
-    "random": Format("minitouch_bench.policies.python_objects:RandomPolicy"),
-    "zero": Format("minitouch_bench.policies.python_objects:ZeroPolicy"),
-    "open-loop": Format("minitouch_bench.policies.python_objects:OpenLoopPolicy"),
-    "native": Format(
-        "minitouch_bench.policies.native:load_native", (".safetensors",), computes_with="torch"
-    ),
+    "random": Format("python_objects:RandomPolicy"),
+    "zero": Format("python_objects:ZeroPolicy"),
+    "open-loop": Format("python_objects:OpenLoopPolicy"),
+    "native": Format("native:load_native", (".safetensors",), computes_with="torch"),
     "torch.export": Format(
-        "minitouch_bench.policies.torch_programs:load_exported",
+        "torch_programs:load_exported",
         (".pt2",),
         (("torch.export.pt2_archive._package", "all"),),
         computes_with="torch",
@@ -225,7 +223,7 @@ FORMATS: Mapping[str, Format] = {
         is_zip=True,
     ),
     "torchscript": Format(
-        "minitouch_bench.policies.torch_programs:load_torchscript",
+        "torch_programs:load_torchscript",
         (".pt", ".ts"),
         computes_with="torch",
         runs_code=True,
@@ -234,24 +232,22 @@ FORMATS: Mapping[str, Format] = {
         "save new policies with torch.export (.pt2)",
     ),
     "onnx": Format(
-        "minitouch_bench.policies.onnx_policy:load_onnx",
+        "onnx_policy:load_onnx",
         (".onnx",),
         (("onnx", "onnx"), ("onnxruntime", "onnx")),
         computes_with="onnxruntime",
     ),
     "sb3": Format(
-        "minitouch_bench.policies.sb3:load_sb3",
+        "sb3:load_sb3",
         (".zip",),
         (("stable_baselines3", "sb3"),),
         computes_with="stable-baselines3",
         runs_code=True,
         is_zip=True,
     ),
-    "factory": Format(
-        "minitouch_bench.policies.python_objects:load_factory", packages=(("torch", "all"),)
-    ),
-    "remote": Format("minitouch_bench.policies.server:load_remote"),
-    IN_MEMORY: Format("minitouch_bench.policies.python_objects:load_object"),
+    "factory": Format("python_objects:load_factory", packages=(("torch", "all"),)),
+    "remote": Format("server:load_remote"),
+    IN_MEMORY: Format("python_objects:load_object"),
 }
 
 BUILT_IN = ("random", "zero", "open-loop", "scripted")
@@ -291,7 +287,7 @@ def find_loader(kind: str) -> Loader:
     """
     for module, extra in FORMATS[kind].packages:
         require(module, extra)
-    return look_up(FORMATS[kind].loader)
+    return look_up(f"minitouch_bench.policies.{FORMATS[kind].loader}")
 
 
 def load_policy(source: PolicySource) -> Policy:
