@@ -6,8 +6,7 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -38,10 +37,6 @@ CANONICAL_SEED, CANONICAL_COUNT = 0, 1000
 
 HELD_OUT_SHARE = 0.2
 SALT = "minitouch split 1"
-GROUP = 5
-"""Of so many shapes of a family in a row one is held out, outside the canonical set."""
-
-
 PlainName = Annotated[str, Meta(pattern=whole(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}"))]
 """A shape's name and its family are names of files too."""
 Count = Annotated[int, Meta(ge=0, le=GIB)]
@@ -257,41 +252,16 @@ def _digest_of(folder: Path, names: tuple[str, ...]) -> str:
 def splits_of(seed: int | None, families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:
     """Return the split of every shape of a set generated with a seed, or imported (None).
 
-    A generated shape has the split of its number, whatever the set's size: nothing that the
-    canonical set holds out is ever trained on in a smaller or larger one.
+    In each family the fifth whose salted hash is lowest is held out. A set of the canonical seed
+    keeps the canonical splits: what they hold out is never trained on in a smaller or larger set.
     """
-    if seed is None:
-        return split_by_hash(families, digests)
-    first: tuple[str, ...] = ()
-    if seed == CANONICAL_SEED and len(digests) >= CANONICAL_COUNT:
-        first = split_by_hash(families[:CANONICAL_COUNT], digests[:CANONICAL_COUNT])
-    elif seed == CANONICAL_SEED:
-        first = tuple(shape.split for shape in canonical_shape_set().shapes[: len(digests)])
-    return first + tuple(_numbered_splits(seed, families))[len(first) :]
-
-
-def split_by_hash(families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:
-    """Return the split of every shape of a whole set from its record's digest.
-
-    In each family the fifth whose salted hash is lowest is held out.
-    """
-    held: set[int] = set()
-    order = sorted(range(len(families)), key=lambda i: _hash(digests[i]))
+    salted = [hashlib.sha256(f"{SALT}/{digest}".encode()).hexdigest() for digest in digests]
+    order = sorted(range(len(families)), key=salted.__getitem__)
+    held: set[str] = set()
     for name in set(families):
-        members = [i for i in order if families[i] == name]
+        members = [digests[i] for i in order if families[i] == name]
         held.update(members[: round(len(members) * HELD_OUT_SHARE)])
-    return tuple(Split.HELD_OUT if i in held else Split.TRAIN for i in range(len(families)))
-
-
-def _numbered_splits(seed: int, families: Sequence[str]) -> Iterator[str]:
-    """Yield the split of every shape by its number: one in each five of a family is held out."""
-    seen: Counter[str] = Counter()
-    for family in families:
-        group, turn = divmod(seen[family], GROUP)
-        chosen = int(_hash(f"{seed}/{family}/{group}"), 16) % GROUP
-        yield Split.HELD_OUT if turn == chosen else Split.TRAIN
-        seen[family] += 1
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(f"{SALT}/{text}".encode()).hexdigest()
+    known = {digest: Split.HELD_OUT if digest in held else Split.TRAIN for digest in digests}
+    if seed == CANONICAL_SEED and len(digests) != CANONICAL_COUNT:
+        known |= {shape.digest: shape.split for shape in canonical_shape_set().shapes}
+    return tuple(known[digest] for digest in digests)
