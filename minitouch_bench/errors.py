@@ -163,9 +163,7 @@ ANSI_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\
 
 def plain_line(text: str, longest: int = MAX_TEXT) -> str:
     """Return a policy's text as one printable line of at most ``longest`` characters."""
-    text = ANSI_SEQUENCE.sub("", text[: 16 * longest])
-    kept = (" " if unicodedata.category(c)[0] in "CZ" else c for c in text)
-    line = " ".join("".join(kept).split())
+    line = " ".join(printable(ANSI_SEQUENCE.sub("", text[: 16 * longest])).split())
     return line if len(line) <= longest else line[: longest - 1] + "…"
 
 

@@ -28,7 +28,7 @@ MAX_ITEM_BYTES = 16
 class OnnxPolicy:
     """Run a graph with onnxruntime, on one thread."""
 
-    def __init__(self, session: Any, warning: str = "") -> None:
+    def __init__(self, session: Any, warning: str) -> None:
         self._session = session
         self.warning = warning
 
@@ -62,13 +62,12 @@ def load_onnx(source: PolicySource) -> OnnxPolicy:
     options.use_deterministic_compute = True
     options.log_severity_level = 3
     session = runtime.InferenceSession(source.content, options, providers=["CPUExecutionProvider"])
-    if recurrent := find_recurrent(model):
-        return OnnxPolicy(
-            session,
-            f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
-            f"action to the next. {TO_REMEMBER}",
-        )
-    return OnnxPolicy(session)
+    recurrent = find_recurrent(model)
+    warning = recurrent and (
+        f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
+        f"action to the next. {TO_REMEMBER}"
+    )
+    return OnnxPolicy(session, warning)
 
 
 def find_recurrent(model: Any) -> str:

@@ -56,10 +56,6 @@ def load_factory(source: PolicySource) -> Policy:
     return policy if callable(getattr(policy, "reset", None)) else ObjectPolicy(policy)
 
 
-WANTED = (
-    "a policy is a name, a file, an object with act(observation), a Stable-Baselines3 model, or "
-    "a torch module on (image, touch)"
-)
 CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 """How cloudpickle names a class of ``__main__``: 32 digits, drawn again in each process."""
 
@@ -136,7 +132,10 @@ def _without_training(policy: object) -> object:
         module = policy.policy  # type: ignore[attr-defined]
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
-        raise PolicyLoadError(f"{type(policy).__name__} is not a policy: {WANTED}")
+        raise PolicyLoadError(
+            f"{type(policy).__name__} is not a policy: a policy is a name, a file, an object with "
+            "act(observation), a Stable-Baselines3 model, or a torch module on (image, touch)"
+        )
     # Not deepcopy, which refuses what a trained PPO keeps of its last gradient.
     return pickle.loads(cloudpickle.dumps(module)).cpu().eval()
 
@@ -150,13 +149,11 @@ def _is_sb3_model(policy: object) -> bool:
     return module is not None and isinstance(policy, module.BaseAlgorithm)
 
 
-class _Baseline:
+class RandomPolicy:
+    """Draw every number uniformly from [-1, 1), from the episode's seed."""
+
     def __init__(self, source: PolicySource) -> None:
         pass
-
-
-class RandomPolicy(_Baseline):
-    """Draw every number uniformly from [-1, 1), from the episode's seed."""
 
     def reset(self, seed: int, task: str) -> None:
         """Start the episode's own stream of numbers."""
@@ -192,13 +189,8 @@ class OpenLoopPolicy:
         return self._actions[self._step - 1]
 
 
-class ZeroPolicy(_Baseline):
-    """Never move."""
+class ZeroPolicy(OpenLoopPolicy):
+    """Never move: play no sequence."""
 
-    def reset(self, seed: int, task: str) -> None:
-        """Note the task's action size."""
-        self._size = action_size(task)
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Return an action of zeros."""
-        return np.zeros(self._size, np.float32)
+    def __init__(self, source: PolicySource) -> None:
+        self._sequences = {}

@@ -133,12 +133,6 @@ def _parts(path: Path, run: Path | None) -> Iterator[Path]:
                 yield entry
 
 
-def forget_environment() -> None:
-    """Leave nothing in the environment but what numbers depend on."""
-    for name in set(os.environ) - KEPT_VARIABLES:
-        del os.environ[name]
-
-
 PRICE = (
     "With --isolation process a policy could read and write your files, use the network and "
     "signal your programs: only for files you trust"
@@ -164,7 +158,8 @@ class Sandbox:
             OSError: the kernel refused a part of it; the process must end then.
         """
         kernel.set_limits(self.limits)
-        forget_environment()
+        for name in set(os.environ) - KEPT_VARIABLES:  # but what numbers depend on
+            del os.environ[name]
         kernel.close_others((*kept, self.ruleset))
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
         kernel.drop_capabilities(self.machine)

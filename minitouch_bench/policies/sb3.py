@@ -37,13 +37,6 @@ SETTINGS = {
 }  # fmt: skip
 
 
-class NoOptimizer:
-    """Stand where a policy wants its optimizer: the first real one takes 1.5 s to import."""
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
-
-
 class Sb3Policy:
     """Run a policy of stable_baselines3, with the frames of ``VecFrameStack`` if it wants them.
 
@@ -119,7 +112,9 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
     if getattr(acted, "shape", None) not in [(size,) for size in ACTION_SIZES]:
         raise PolicyLoadError(f"its actions have shape {acted.shape}, not (4,) or (5,)")
     refuse_normalized(settings)
-    arguments = {**settings["policy_kwargs"], "optimizer_class": NoOptimizer}
+    # A policy makes its optimizer, of which the first real one takes 1.5 s to import.
+    no_optimizer = {"optimizer_class": lambda *_, **__: None}
+    arguments = {**settings["policy_kwargs"], **no_optimizer}
     if ON_POLICY in settings:
         arguments["use_sde"] = settings["use_sde"]
     policy = settings["policy_class"](observed, acted, lambda _: 0.0, **arguments)
