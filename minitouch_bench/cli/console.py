@@ -8,9 +8,9 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from datetime import timedelta
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.episode import Outcome, PlayedEpisode, Role
@@ -20,7 +20,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress, Task
+    from rich.progress import Task
 
 PIPED_WIDTH = 10_000
 """Columns where no screen ends a line: a table is as wide as what it holds."""
@@ -64,48 +64,52 @@ def is_watched() -> bool:
     return notes().is_terminal or notes().is_jupyter
 
 
-def _make_bars(console: "Console") -> "Progress":
-    """Return the bars of every command; the last task's field ``text`` is the line below them."""
-    from rich import progress
-    from rich.table import Column
-    from rich.text import Text
-
-    class Bars(progress.Progress):
-        def get_renderables(self) -> Iterator[Any]:
-            yield self.make_tasks_table(self.tasks)
-            if self.tasks and self.tasks[-1].fields["text"]:
-                yield Text(self.tasks[-1].fields["text"])
-
-    return Bars(
-        progress.TextColumn("[bold]{task.description}"),
-        progress.BarColumn(bar_width=30 if console.width >= WIDE else 10),
-        progress.TextColumn(
-            "{task.completed:,.0f}/{task.total:,.0f}", table_column=Column(no_wrap=True)
-        ),
-        progress.TimeElapsedColumn(table_column=Column(no_wrap=True)),
-        progress.TextColumn("left"),
-        progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
-        console=console,
-        disable=console.is_jupyter,
-        refresh_per_second=2,
-        speed_estimate_period=600,
-    )
-
-
-class _Lines:
-    """One line per minute where a console is not a terminal, one bar where it is a notebook."""
+class _Progress:
+    """Bars in a terminal, one bar per phase in a notebook, otherwise one line per minute."""
 
     def __init__(self, console: "Console", clock: Callable[[], float] = time.monotonic) -> None:
+        from rich import progress
+        from rich.table import Column
+        from rich.text import Text
+
+        class Bars(progress.Progress):
+            def get_renderables(self) -> Iterator[Any]:
+                yield self.make_tasks_table(self.tasks)
+                if self.tasks and self.tasks[-1].fields["text"]:
+                    yield Text(self.tasks[-1].fields["text"])
+
+        whole = Column(no_wrap=True)
+        self._bars = Bars(
+            progress.TextColumn("[bold]{task.description}"),
+            progress.BarColumn(bar_width=30 if console.width >= WIDE else 10),
+            progress.TextColumn("{task.completed:,.0f}/{task.total:,.0f}", table_column=whole),
+            progress.TimeElapsedColumn(table_column=whole),
+            progress.TextColumn("left"),
+            progress.TimeRemainingColumn(table_column=whole),
+            console=console,
+            disable=console.is_jupyter,
+            refresh_per_second=2,
+            speed_estimate_period=600,
+        )
         self._console, self._clock, self._printed_at = console, clock, clock()
         self._cells: dict[str, Any] = {}  # of a notebook, by what is done in it
 
-    def show(self, line: str, bar: "Task") -> None:
-        """Print a line, unless the last one is less than a minute old; a notebook's bar follows."""
-        now = self._clock()
+    def begin(self, name: str, total: int) -> None:
+        """Begin a phase."""
+        self._bars.start()
+        self._bars.add_task(name, total=total, text="")
+
+    def show(self, text: str = "", done: int | None = None, name: str = "", unit: str = "") -> None:
+        """Show how far the phase is: one more is done, or ``done``; it may get another name."""
+        (*_, bar) = self._bars.tasks
+        done = int(bar.completed) + 1 if done is None else done
+        name = name or bar.description
+        self._bars.update(bar.id, completed=done, text=text, description=name)
+        line = f"{name}: {done:,} of {bar.total:,}{unit}  {text}".rstrip()
         if self._console.is_jupyter:
             self._show_in_notebook(line, bar)
-        elif not self._console.is_terminal and now >= self._printed_at + LINE_INTERVAL_S:
-            self._printed_at = now
+        elif not self._console.is_terminal and self._clock() >= self._printed_at + LINE_INTERVAL_S:
+            self._printed_at = self._clock()
             self._console.print(line, markup=False)
 
     def _show_in_notebook(self, line: str, bar: "Task") -> None:
@@ -118,9 +122,13 @@ class _Lines:
         if cell := self._cells.get(bar.description):
             cell.update(shown, raw=True)
         else:
-            self._cells[bar.description] = display(  # type: ignore[no-untyped-call]
-                shown, raw=True, display_id=True
-            )
+            cell = display(shown, raw=True, display_id=True)  # type: ignore[no-untyped-call]
+            self._cells[bar.description] = cell
+
+    def end(self) -> None:
+        """Leave the bars as they are."""
+        if self._bars.tasks:
+            self._bars.stop()
 
 
 @contextmanager
@@ -131,8 +139,7 @@ def episode_progress(
 
     Yields the functions that an evaluation calls to have its episodes shown.
     """
-    console = console or notes()
-    bars, lines = _make_bars(console), _Lines(console, clock)
+    progress = _Progress(console or notes(), clock)
     tally: dict[str, list[bool]] = {}
     faults = 0
 
@@ -140,8 +147,7 @@ def episode_progress(
         nonlocal faults
         tally.clear()
         faults = 0
-        bars.start()
-        bars.add_task(name, total=episodes, text="")
+        progress.begin(name, episodes)
 
     def show(record: PlayedEpisode) -> None:
         nonlocal faults
@@ -150,32 +156,28 @@ def episode_progress(
             success = record.outcome is Outcome.SUCCESS
             tally.setdefault(record.spec.task, []).append(success)
         shown = [f"{task} {sum(won)}/{len(won)}" for task, won in tally.items()]
-        text = "  ".join([*shown, f"{faults} faults"] if faults else shown)
-        bar = bars.tasks[-1]
-        bars.update(bar.id, advance=1, text=text)
-        line = f"{bar.description}: {bar.completed:.0f} of {bar.total:.0f}  {text}"
-        lines.show(line.rstrip(), bar)
+        progress.show("  ".join([*shown, f"{faults} faults"] if faults else shown))
 
     try:
         yield Callbacks(note, begin, show)
     finally:
-        if bars.tasks:
-            bars.stop()
+        progress.end()
 
 
 @contextmanager
 def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function that takes (done, total); its first call shows a bar."""
-    with ExitStack() as stack:
-        bar = _make_bars(notes())
+    progress = _Progress(notes())
+    begin = cache(progress.begin)  # once
 
-        def show(done: int, total: int) -> None:
-            if not bar.tasks:
-                stack.enter_context(bar)
-                bar.add_task(label, text="")
-            bar.update(bar.tasks[0].id, completed=done, total=total)
+    def show(done: int, total: int) -> None:
+        begin(label, total)
+        progress.show(done=done)
 
+    try:
         yield show
+    finally:
+        progress.end()
 
 
 @contextmanager
@@ -184,7 +186,7 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
 
     A second Ctrl-C ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
     """
-    lines, bar = _Lines(notes()), _make_bars(notes())
+    progress = _Progress(notes())
     should_stop = False
 
     def interrupt(*_: object) -> None:
@@ -192,9 +194,6 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
         if should_stop:
             raise KeyboardInterrupt
         should_stop = True
-
-    def begin(steps: int) -> None:
-        bar.add_task("training", total=steps, text="")
 
     def show(row: Any) -> None:
         measured = {
@@ -204,16 +203,14 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
             "success": row.success,
         }
         values = (f"{name} {value:.2f}" for name, value in measured.items() if value is not None)
-        text = "  ".join(values)
-        (task,) = bar.tasks
-        bar.update(task.id, completed=row.step, description=row.phase, text=text)
-        lines.show(f"{row.phase}: {row.step:,} of {task.total:,} control steps  {text}", task)
+        progress.show("  ".join(values), row.step, row.phase, " control steps")
 
     is_main = threading.current_thread() is threading.main_thread()  # another handles no signal
     before = signal.signal(signal.SIGINT, interrupt) if is_main else None
+    begin = partial(progress.begin, "training")
     try:
-        with bar:
-            yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
+        yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
     finally:
+        progress.end()
         if is_main:
             signal.signal(signal.SIGINT, before)
