@@ -25,8 +25,6 @@ def generate(
     """Make a set."""
     from minitouch_bench.shapegen import generate as workflow
 
-    if others := workflow.other_libraries():
-        note(f"{', '.join(others)}: the shapes can differ from those of the documented version")
     with count_progress("shapes") as progress:
         result = workflow.generate(output, count, seed, workers, progress)
     print(f"{count} shapes in {output}, digest {result.digest}")
@@ -92,8 +90,6 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
         if missed:
             print(f"{name}: accepted, not promised: {', '.join(missed)}")
     print(f"{result.accepted} accepted, {len(result.refused)} refused")
-    for reason, number in sorted(result.reasons().items()):
-        print(f"  {number:5d} {reason}")
     if not fit and any(reason.startswith(Reason.SIZE) for reason in result.refused.values()):
         note("--fit gives each object a size the hand can grip; --scale sets the unit")
     if density is None:

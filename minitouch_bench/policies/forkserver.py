@@ -38,7 +38,6 @@ from minitouch_bench.errors import (
     describe,
 )
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.kernel import ProcessLimits
 from minitouch_bench.policies.policy import (
     FORMATS,
     Isolation,
@@ -169,8 +168,7 @@ def _make_sandbox(limits: PolicyLimits, factory: tuple[str, ...], trust: bool) -
     paths = factory_paths(*factory) if factory else NOTHING
     # The formats compute on one thread, and only code that is trusted may start others.
     threads = core_count() if trust else 1
-    allowed = ProcessLimits(limits.memory_mb * 2**20, limits.cpu_s * threads)
-    return prepare(allowed, paths, threads=trust)
+    return prepare(limits.memory_mb * 2**20, limits.cpu_s * threads, paths, threads=trust)
 
 
 @cache

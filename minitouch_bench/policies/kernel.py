@@ -17,7 +17,6 @@ import os
 import resource
 import struct
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 PR_SET_SECCOMP = 22
 PR_SET_NO_NEW_PRIVS = 38
@@ -59,20 +58,15 @@ def _checked(answer: int) -> int:
     return answer
 
 
-@dataclass(frozen=True)
-class ProcessLimits:
-    """Most memory beyond what is mapped at the start, in bytes, and processor time, in s."""
+def set_limits(memory_bytes: int, cpu_s: int) -> None:
+    """Limit this process for good: memory beyond what is mapped now, and processor time.
 
-    memory_bytes: int
-    cpu_s: int
-
-
-def set_limits(limits: ProcessLimits) -> None:
-    """Limit this process for good; a file it may write has 0 bytes."""
+    A file that it may write has 0 bytes.
+    """
     with open("/proc/self/statm", encoding="ascii") as file:
         mapped = int(file.read().split()[0]) * PAGE
     for kind, most in (
-        (resource.RLIMIT_AS, mapped + limits.memory_bytes),
+        (resource.RLIMIT_AS, mapped + memory_bytes),
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_NOFILE, MAX_DESCRIPTORS),
@@ -83,7 +77,7 @@ def set_limits(limits: ProcessLimits) -> None:
         _lower(kind, most, most)
     # No hard limit: its SIGKILL would look like somebody else's. Who ignores SIGXCPU meets the
     # limits of wall time.
-    _lower(resource.RLIMIT_CPU, limits.cpu_s, resource.RLIM_INFINITY)
+    _lower(resource.RLIMIT_CPU, cpu_s, resource.RLIM_INFINITY)
 
 
 def be_first_to_go() -> None:

@@ -148,7 +148,8 @@ class Sandbox:
     machine: str
     abi: int
     ruleset: int
-    limits: kernel.ProcessLimits
+    memory_bytes: int
+    cpu_s: int
     threads: bool
 
     def enter(self, kept: tuple[int, ...]) -> None:
@@ -157,7 +158,7 @@ class Sandbox:
         Raises:
             OSError: the kernel refused a part of it; the process must end then.
         """
-        kernel.set_limits(self.limits)
+        kernel.set_limits(self.memory_bytes, self.cpu_s)
         for name in set(os.environ) - KEPT_VARIABLES:  # but what numbers depend on
             del os.environ[name]
         kernel.close_others((*kept, self.ruleset))
@@ -170,9 +171,11 @@ class Sandbox:
 
 
 def prepare(
-    allowed: kernel.ProcessLimits, paths: FactoryPaths = NOTHING, *, threads: bool = False
+    memory_bytes: int, cpu_s: int, paths: FactoryPaths = NOTHING, *, threads: bool = False
 ) -> Sandbox:
     """Return a sandbox, and let the kernel end this process first where memory runs out.
+
+    Its memory counts beyond what is mapped when a process enters it.
 
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.
@@ -193,7 +196,7 @@ def prepare(
         ruleset = kernel.make_ruleset(abi, readable, WRITABLE, paths.listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
-    sandbox = Sandbox(machine, abi, ruleset, allowed, threads)
+    sandbox = Sandbox(machine, abi, ruleset, memory_bytes, cpu_s, threads)
     kernel.be_first_to_go()  # children inherit it
     check_holds(sandbox)
     return sandbox

@@ -8,7 +8,6 @@ import io
 import math
 import re
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -109,10 +108,6 @@ class ImportResult:
     accepted: int
     refused: dict[str, str]
     not_promised: dict[str, list[str]]
-
-    def reasons(self) -> dict[str, int]:
-        """Return the number of refusals by reason, without the measured number."""
-        return dict(Counter(text.partition(" (")[0] for text in self.refused.values()))
 
 
 def import_objects(

@@ -18,7 +18,7 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest, encode, quantized
 from minitouch_bench.shapegen.families import FAMILIES, GENERATOR_VERSION
-from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, canonical_shape_set, splits_of
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
 from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
@@ -77,16 +77,6 @@ def generate(
 def versions() -> dict[str, str]:
     """Return the versions of everything a shape's bytes depend on."""
     return {"python": platform.python_version(), **installed_versions((*LIBRARIES, *BUILDS))}
-
-
-def other_libraries() -> tuple[str, ...]:
-    """Name the libraries whose installed versions did not make ``minitouch-1000``."""
-    made_with = canonical_shape_set().document["versions"]
-    return tuple(
-        f"{name} {installed} (not {made_with[name]})"
-        for name, installed in installed_versions(LIBRARIES).items()
-        if name != "numpy" and installed != made_with[name]  # numpy's numbers never change
-    )
 
 
 def write_set(

@@ -38,9 +38,3 @@ def test_workers_change_nothing(tmp_path: Path) -> None:
     found = load_shape_set(tmp_path / "2").shapes
     there = canonical_shape_set().shapes[:24]
     assert [(s.digest, s.split) for s in found] == [(s.digest, s.split) for s in there]
-
-
-def test_libraries_of_other_versions_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert generating.other_libraries() == ()
-    monkeypatch.setattr(generating, "installed_versions", lambda _: {"coacd": "1.0.99"})
-    assert "coacd 1.0.99" in generating.other_libraries()[0]

@@ -9,14 +9,14 @@ import pytest
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.policies import kernel, sandbox
-from minitouch_bench.policies.kernel import ProcessLimits
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, weakest
 from minitouch_bench.policies.process import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 
-ROOMY = ProcessLimits(memory_bytes=2**33, cpu_s=60)
+ROOMY = 2**33, 60
+"""Bytes of memory and seconds of processor time."""
 
 WITHOUT = """
 import errno, os, struct, sys
@@ -42,14 +42,14 @@ def evaluate_without(call, argument, directory, *options):
 
 
 def test_the_sandbox_holds_on_this_machine():
-    made = sandbox.prepare(ROOMY)
+    made = sandbox.prepare(*ROOMY)
     os.close(made.ruleset)
     assert made.abi == kernel.supported_abi() > 0
 
 
 @pytest.mark.parametrize("deed", sandbox.ESCAPES)
 def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
-    made = sandbox.prepare(ROOMY)
+    made = sandbox.prepare(*ROOMY)
     monkeypatch.setattr(sandbox.kernel, "install_filter", lambda program: None)
     monkeypatch.setattr(kernel, "restrict_self", lambda ruleset, abi: None)
     monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda: None})
@@ -68,7 +68,7 @@ def test_without_seccomp_the_policy_is_refused(tmp_path):
 def test_without_landlock_the_policy_is_refused_and_the_price_of_less_is_named(monkeypatch):
     monkeypatch.setattr(kernel, "supported_abi", lambda: 0)
     with pytest.raises(IsolationError, match="no Landlock") as caught:
-        sandbox.prepare(ROOMY)
+        sandbox.prepare(*ROOMY)
     assert caught.value.exit_code == 3
     assert len(str(caught.value).splitlines()) == 2
     assert "--isolation process" in str(caught.value)
@@ -77,7 +77,7 @@ def test_without_landlock_the_policy_is_refused_and_the_price_of_less_is_named(m
 def test_another_processor_is_refused(monkeypatch):
     monkeypatch.setattr(sandbox.platform, "machine", lambda: "riscv64")
     with pytest.raises(IsolationError, match="not riscv64"):
-        sandbox.prepare(ROOMY)
+        sandbox.prepare(*ROOMY)
 
 
 def test_an_old_kernel_is_asked_for_no_more_than_it_knows(monkeypatch):
@@ -103,7 +103,7 @@ def test_no_file_is_emptied_under_an_older_landlock(monkeypatch, tmp_path, abi, 
     for place in ("readable", "elsewhere"):
         (tmp_path / place).mkdir()
         (tmp_path / place / "file").write_text("kept")
-    made = sandbox.prepare(ROOMY, FactoryPaths((str(tmp_path / "readable"),), ()))
+    made = sandbox.prepare(*ROOMY, FactoryPaths((str(tmp_path / "readable"),), ()))
     for place in ("readable", "elsewhere"):
         child = os.fork()
         if child == 0:
