@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, PUSHING
 from minitouch_bench.protocol.spec import CUBE
-from minitouch_bench.shapegen.grips import plan_deep_grasp
+from minitouch_bench.shapegen.grips import plan_grasp
 from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import Opening, PickUp, Pushing
@@ -198,7 +198,7 @@ class PickUpController(Controller):
             above_table = points @ rotation_matrix(orientation).T + (0.0, 0.0, height)
             # The planner's pads close along y, the hand's along the world's x.
             lowest = task.spec.workspace.low[2] - TABLE_TOP_M
-            grasp = plan_deep_grasp(above_table[:, (1, 0, 2)], lowest, self._tried)
+            grasp = plan_grasp(above_table[:, (1, 0, 2)], lowest, self._tried, deep=True)
             self._tried.append(grasp.x)
             self._place = np.array(
                 (position[0] + grasp.y, position[1] + grasp.x, grasp.z + TABLE_TOP_M)

@@ -6,13 +6,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from msgspec import convert
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import GIB, read_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.shapegen.body_codec import Body, decode, digest
-from minitouch_bench.shapegen.generate import Progress, entry_of, record_facts
+from minitouch_bench.shapegen.generate import Progress, record_facts
 from minitouch_bench.shapegen.manifest import ShapeSet, splits_of
 from minitouch_bench.shapegen.mesh import RestPose
 from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine, strictly
@@ -107,7 +106,6 @@ def _unsound(
 def _close(key: str, measured: Any, listed: Any) -> bool:
     """Say whether two measurements agree but for the rounding of another processor."""
     if key == "poses":
-        measured = convert(measured, tuple[RestPose, ...])
         ours, theirs = ([_numbers(pose) for pose in poses] for poses in (measured, listed))
         return len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=0.0, atol=POSE_ROUNDING)
     return bool(np.isclose(measured, listed, rtol=1e-3, atol=ROUNDING.get(key, 2e-5)))
@@ -129,4 +127,4 @@ def examine_record(task: tuple[bytes, bool]) -> tuple[str, dict[str, Any]]:
         measures = examine(body, (lambda *_: None) if is_imported else strictly)
     except UnsoundError as error:
         return str(error), {}
-    return "", entry_of(body, measures, body.mass / measures.volume)
+    return "", {**measures, "density": body.mass / measures["volume_m3"]}

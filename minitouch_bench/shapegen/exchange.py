@@ -159,7 +159,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], by
         density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
         body = weighed(mesh, density)
         measures = examine(body, missed.__setitem__)
-        check_usable(body, measures.poses[0], missed.__setitem__)
+        check_usable(body, measures["poses"][0], missed.__setitem__)
     except UnreadableError as error:
         return str(error), {}, b""
     except UnsoundError as error:

@@ -23,7 +23,6 @@ from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_mom
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     LIMITS,
-    Measures,
     Reason,
     SoundnessConfig,
     UnsoundError,
@@ -216,27 +215,17 @@ def record_facts(body: Body) -> dict[str, Any]:
     }
 
 
-def entry_of(body: Body, measures: Measures, density: float) -> dict[str, Any]:
+def entry_of(body: Body, measures: Mapping[str, Any], density: float) -> dict[str, Any]:
     """Return the manifest's entry of a body, SI units; mass and poses are not rounded."""
-    return {
-        **record_facts(body),
-        "density": round(density, 3),
-        "volume_m3": round(measures.volume, 12),
-        "convexity": round(measures.convexity, 5),
-        "genus": measures.genus,
-        "wall_m": round(measures.wall, 5),
-        "misfit": round(measures.misfit, 5),
-        "outside_m": round(measures.outside, 5),
-        "lifted": round(measures.lifted, 4),
-        "poses": [
-            {
-                "quaternion": list(pose.quaternion),
-                "height_m": pose.height,
-                "probability": round(pose.probability, 5),
-            }
-            for pose in measures.poses
-        ],
-    }
+    poses = [
+        {
+            "quaternion": list(pose.quaternion),
+            "height_m": pose.height,
+            "probability": round(pose.probability, 5),
+        }
+        for pose in measures["poses"]
+    ]
+    return {**record_facts(body), "density": round(density, 3), **measures, "poses": poses}
 
 
 def sized(solid: Solid, rng: np.random.Generator) -> Mesh:

@@ -69,40 +69,32 @@ class Grasp:
     width: float
 
 
-def plan_grasp(points: Points) -> Grasp:
+def plan_grasp(
+    points: Points,
+    lowest_target: float = LOWEST_TARGET,
+    tried: Sequence[float] = (),
+    *,
+    deep: bool = False,
+) -> Grasp:
     """Choose the best grasp of a resting body by pads that close along y.
 
     ``points``: dense surface points (N, 3), m, x and y from the center of mass, z from the
-    table. Prefers a narrow place near the center of mass with contacts opposite each other.
-    Shapes are proven with it: another choice would make another set of the same seed.
+    table. Prefers a narrow place near the center of mass with contacts opposite each other,
+    ``deep`` between the pads, and not at x of earlier grasps that were ``tried``, m.
+    ``lowest_target``: the least height of the grasp target over the table, m. Shapes are proven
+    with the defaults: another choice would make another set of the same seed.
     """
-    middle = max(_middle(points), LOWEST_TARGET)
-    return _best(points, middle, LOWEST_TARGET, -np.inf, ())
-
-
-def plan_deep_grasp(points: Points, lowest_target: float, tried: Sequence[float]) -> Grasp:
-    """Choose a grasp as ``plan_grasp`` does, deep between the pads and where none was tried.
-
-    ``lowest_target``: the least height of the grasp target over the table, m; ``tried``: x of
-    earlier grasps, m.
-    """
-    return _best(points, _middle(points), lowest_target, DEEP, tried)
-
-
-def _middle(points: Points) -> float:
-    return (float(points[:, 2].min()) + float(points[:, 2].max())) / 2.0
-
-
-def _best(
-    points: Points, middle: float, lowest_target: float, depth: float, tried: Sequence[float]
-) -> Grasp:
-    """Return the best grasp about a middle height, above the lowest one and clear of the palm."""
-    lowest = max(lowest_target, float(points[:, 2].max()) + 0.003 - PALM_ABOVE_TARGET)
+    bottom, top = float(points[:, 2].min()), float(points[:, 2].max())
+    middle = (bottom + top) / 2.0
+    if not deep:
+        middle = max(middle, LOWEST_TARGET)
+    # Clear of the palm.
+    lowest = max(lowest_target, top + 0.003 - PALM_ABOVE_TARGET)
     heights = sorted({max(lowest, middle + step) for step in (-0.008, 0.0, 0.008)})
     best, best_score = Grasp(0.0, 0.0, lowest, float("inf")), float("inf")
     for z in heights:
         for x in np.arange(-0.018, 0.0181, 0.003).tolist():
-            grasp, score = _rated(points, x, z, depth)
+            grasp, score = _rated(points, x, z, DEEP if deep else -np.inf)
             score += TRIED_COST * sum(abs(x - before) < TRIED_NEAR for before in tried)
             if score < best_score:
                 best, best_score = grasp, score

@@ -51,7 +51,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
     height is that of the center of mass, which is the origin of its frame. ``digest`` is the
     SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. ``not_promised``: what an
     imported one lacks of the promises of the canonical set. The record is at ``offset`` in the file
-    ``pack``. The others are what ``soundness.Measures`` says.
+    ``pack``. The others are what ``soundness.examine`` says.
     """
 
     name: PlainName

@@ -6,6 +6,7 @@ All criteria are computed, never timed, so that a slow machine makes the same sh
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -105,24 +106,6 @@ class UnsoundError(Exception):
         self.reason = reason
 
 
-@dataclass(frozen=True)
-class Measures:
-    """What was measured on a sound shape: SI units, ``misfit`` and ``convexity`` as shares.
-
-    ``lifted`` is the share of grip trials in which the shape came up. ``poses``: the one in
-    which the tasks lay it down, then the others, likeliest first.
-    """
-
-    volume: float
-    convexity: float
-    genus: int
-    wall: float
-    misfit: float
-    outside: float
-    lifted: float
-    poses: tuple[RestPose, ...]
-
-
 Refuse = Callable[[Reason, str], None]
 """Called with each criterion that fails and its number, where a check can go on after it."""
 
@@ -215,8 +198,12 @@ def check_numbers(body: Body, refuse: Refuse = strictly) -> None:
         raise UnsoundError(Reason.INERTIA)
 
 
-def examine(body: Body, refuse: Refuse = strictly) -> Measures:
+def examine(body: Body, refuse: Refuse = strictly) -> dict[str, Any]:
     """Check a body by every criterion, cheapest first, and return what was measured.
+
+    By the manifest's keys, in SI units, ``misfit`` and ``convexity`` as shares. ``lifted`` is the
+    share of grip trials in which the shape came up. ``poses``: the one in which the tasks lay it
+    down, then the others, likeliest first.
 
     With another ``refuse`` than ``strictly`` what the set promises is measured only: sizes, poses
     and grips. A body that is not closed, not one or not at rest on the table is refused always.
@@ -232,10 +219,18 @@ def examine(body: Body, refuse: Refuse = strictly) -> Measures:
         held = with_shares(hull, settled_poses(rig, stable_poses(hull, refuse), refuse))
         laid = held[laid_pose(hull, held, refuse)]
         lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003), refuse)
-    poses = (laid, *(pose for pose in held if pose is not laid))
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
-    return Measures(volume, convexity, genus, wall, misfit, outside, lifted, poses)
+    return {
+        "volume_m3": round(volume, 12),
+        "convexity": round(convexity, 5),
+        "genus": genus,
+        "wall_m": round(wall, 5),
+        "misfit": round(misfit, 5),
+        "outside_m": round(outside, 5),
+        "lifted": round(lifted, 4),
+        "poses": (laid, *(pose for pose in held if pose is not laid)),
+    }
 
 
 def check_usable(body: Body, pose: RestPose, refuse: Refuse) -> None:

@@ -30,12 +30,12 @@ def reason_of(check: object, *arguments: object) -> Reason:
 
 def test_a_plain_block_is_sound() -> None:
     measures = examine(box_body(*BLOCK))
-    assert len(measures.poses) == 6
-    assert measures.convexity == pytest.approx(1.0)
-    assert measures.misfit == pytest.approx(0.0, abs=1e-9)
-    assert measures.lifted == 1.0
+    assert len(measures["poses"]) == 6
+    assert measures["convexity"] == pytest.approx(1.0)
+    assert measures["misfit"] == pytest.approx(0.0, abs=1e-9)
+    assert measures["lifted"] == 1.0
     # The collision margin of 1 mm lifts what rests.
-    assert measures.poses[0].height == pytest.approx(0.041, abs=5e-4)
+    assert measures["poses"][0].height == pytest.approx(0.041, abs=5e-4)
 
 
 def test_the_same_body_measures_the_same_bits() -> None:
@@ -93,7 +93,7 @@ def test_the_first_pose_is_the_one_that_the_tasks_lay_it_down_in() -> None:
     assert boxes[0][0] == pytest.approx(0.044)
     chosen = boxes[laid_pose(hull, poses)]
     assert chosen == pytest.approx((0.08, np.hypot(0.046, 0.044)), abs=1e-5)
-    assert height_and_width(hull, examine(box_body(*BLOCK)).poses[0]) == pytest.approx(
+    assert height_and_width(hull, examine(box_body(*BLOCK))["poses"][0]) == pytest.approx(
         chosen, abs=5e-4
     )
 
