@@ -1,6 +1,7 @@
 """What makes a shape sound: every criterion, its limit, and the reason a refusal gives.
 
-All criteria are computed, never timed, so that a slow machine makes the same shapes.
+All criteria are computed, never timed, so that a slow machine makes the same shapes. A check raises
+``UnsoundError`` for a criterion that fails, or tells ``refuse`` of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -125,11 +126,7 @@ def in_mm(length: float, digits: int = 1) -> str:
 
 
 def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
-    """Check a visual mesh on its own; return its genus and its thinnest wall in m.
-
-    Raises:
-        UnsoundError: a criterion fails.
-    """
+    """Check a visual mesh on its own; return its genus and its thinnest wall in m."""
     if not np.isfinite(mesh.vertices).all():
         raise UnsoundError(Reason.NOT_FINITE)
     if len(mesh.faces) > LIMITS.max_faces:
@@ -153,11 +150,7 @@ def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
 
 
 def check_hulls(body: Body, refuse: Refuse = strictly) -> tuple[float, float]:
-    """Check the hulls against the mesh; return the misfit (share) and the overhang (m).
-
-    Raises:
-        UnsoundError: a criterion fails.
-    """
+    """Check the hulls against the mesh; return the misfit (share) and the overhang (m)."""
     sizes = [len(hull.vertices) for hull in body.hulls]
     if not 1 <= len(sizes) <= LIMITS.max_hulls or max(sizes) > LIMITS.max_hull_vertices:
         raise UnsoundError(Reason.HULLS, f"{len(sizes)} hulls, up to {max(sizes, default=0)}")
@@ -182,11 +175,7 @@ def check_hulls(body: Body, refuse: Refuse = strictly) -> tuple[float, float]:
 
 
 def check_numbers(body: Body, refuse: Refuse = strictly) -> None:
-    """Check mass and moments of inertia.
-
-    Raises:
-        UnsoundError: a criterion fails.
-    """
+    """Check mass and moments of inertia."""
     numbers = np.array([body.mass, *body.inertia])
     if not np.isfinite(numbers).all():
         raise UnsoundError(Reason.NOT_FINITE, "mass or inertia")
@@ -260,11 +249,7 @@ def lying_excess(mesh: Mesh, pose: RestPose) -> float:
 
 
 def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:
-    """Return the stable poses of a hull by statics, likeliest first.
-
-    Raises:
-        UnsoundError: there are fewer than two, or the tasks can lay it down in none of them.
-    """
+    """Return the stable poses of a hull by statics, likeliest first."""
     poses = rest_poses(hull, LIMITS.least_share)
     if len(poses) < 2:
         refuse(Reason.FEW_POSES, str(len(poses)))
@@ -274,11 +259,7 @@ def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:
 
 
 def laid_pose(hull: Mesh, poses: Sequence[RestPose], refuse: Refuse = strictly) -> int:
-    """Return the likeliest of a hull's poses that is high enough, and narrow enough at every yaw.
-
-    Raises:
-        UnsoundError: there is none.
-    """
+    """Return the likeliest of a hull's poses that is high enough, and at no yaw too wide."""
     boxes = [height_and_width(hull, pose) for pose in poses]
     high = [index for index, (height, _) in enumerate(boxes) if height >= LIMITS.least_height]
     if not high:
@@ -300,11 +281,7 @@ def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
 
 
 def grip_scale(mesh: Mesh, width: float) -> float:
-    """Return the factor at which a mesh is ``width`` (m) wide in the pose the tasks lay it in.
-
-    Raises:
-        UnsoundError: at no factor is it high enough in a stable pose, and not too long.
-    """
+    """Return the factor at which a mesh is ``width`` (m) wide in the pose the tasks lay it in."""
     hull = hull_of(mesh.vertices)
     poses = rest_poses(hull, LIMITS.least_share)
     if not poses:
@@ -321,11 +298,7 @@ def grip_scale(mesh: Mesh, width: float) -> float:
 def settled_poses(
     rig: GripRig, poses: tuple[RestPose, ...], refuse: Refuse = strictly
 ) -> tuple[RestPose, ...]:
-    """Return the poses that hold in the simulator, as it leaves them.
-
-    Raises:
-        UnsoundError: one jitters or sinks, or fewer than two hold.
-    """
+    """Return the poses that hold in the simulator, as it leaves them."""
     held: list[RestPose] = []
     for pose in poses:
         rest = rig.settle(pose)
@@ -356,11 +329,7 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
 
 
 def lifted_share(rig: GripRig, pose: RestPose, surface: Points, refuse: Refuse = strictly) -> float:
-    """Return the share of evenly spaced yaws at which two fingers lift the body from a pose.
-
-    Raises:
-        UnsoundError: too many fail.
-    """
+    """Return the share of evenly spaced yaws at which two fingers lift the body from a pose."""
     failed = 0
     for step in range(LIMITS.yaws):
         failed += not rig.lift(pose, np.pi * step / LIMITS.yaws, surface)
