@@ -89,11 +89,11 @@ def load_native(source: PolicySource) -> NativePolicy:
         PolicyLoadError: no such architecture, trained on other images, or weights of other
             names or shapes.
     """
-    form = _read_form(source)
+    form = _read_form(source.content)
     try:
         tensors = safetensors.torch.load(source.content)
     except (safetensors.SafetensorError, ValueError) as error:
-        raise PolicyLoadError(f"{source.target} is damaged: {error}") from error
+        raise PolicyLoadError(f"it is damaged: {error}") from error
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
         encoder = VisualEncoder(form.encoder_width)
         actor = ARCHITECTURES[form.architecture](form.action_size, encoder=encoder)
@@ -101,44 +101,38 @@ def load_native(source: PolicySource) -> NativePolicy:
     given = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != given:
         wrong = sorted(set(wanted.items()) ^ set(given.items()))[0][0]
-        raise PolicyLoadError(
-            f"{source.target} does not contain the weights of '{form.architecture}': see '{wrong}'"
-        )
+        text = f"it does not contain the weights of '{form.architecture}': see '{wrong}'"
+        raise PolicyLoadError(text)
     actor.load_state_dict({name: value.float() for name, value in tensors.items()}, assign=True)
     return NativePolicy(actor, source.deterministic)
 
 
-def _read_form(source: PolicySource) -> PolicyMetadata:
+def _read_form(content: bytes) -> PolicyMetadata:
     try:
-        (length,) = struct.unpack_from("<Q", source.content)
-        if length > min(MAX_HEADER_BYTES, len(source.content)):
+        (length,) = struct.unpack_from("<Q", content)
+        if length > min(MAX_HEADER_BYTES, len(content)):
             raise PolicyLoadError(
-                f"{source.target} is not a native checkpoint: it declares a header of "
-                f"{length} bytes"
+                f"not a native checkpoint: it declares a header of {length} bytes"
             )
-        header = json.loads(source.content[8 : 8 + length])
+        header = json.loads(content[8 : 8 + length])
     except (struct.error, ValueError, RecursionError) as error:
-        raise PolicyLoadError(f"{source.target} is damaged: it is not safetensors") from error
+        raise PolicyLoadError("it is damaged: it is not safetensors") from error
     try:
         form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=PolicyMetadata)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise PolicyLoadError(
-            f"{source.target} is not a native checkpoint: no '{METADATA_KEY}' entry in its "
-            "metadata. Write it with minitouch_bench.policies.native.save_native"
+            f"not a native checkpoint: no '{METADATA_KEY}' entry in its metadata. Write it with "
+            "minitouch_bench.policies.native.save_native"
         ) from error
     if form.architecture not in ARCHITECTURES or form.action_size not in ACTION_SIZES:
         raise PolicyLoadError(
-            f"{source.target} asks for architecture {form.architecture!r} with "
-            f"{form.action_size} actions; known: {', '.join(ARCHITECTURES)} with 4 or 5"
+            f"it asks for architecture {form.architecture!r} with {form.action_size} actions; "
+            f"known: {', '.join(ARCHITECTURES)} with 4 or 5"
         )
     if not 0.0 < form.encoder_width <= 1.0:
-        raise PolicyLoadError(
-            f"{source.target} asks for an encoder of width {form.encoder_width}; it must be "
-            "above 0 and at most 1"
-        )
+        text = f"it asks for an encoder of width {form.encoder_width}, not above 0 and at most 1"
+        raise PolicyLoadError(text)
     if form.image_shape != IMAGE_SHAPE:
-        raise PolicyLoadError(
-            f"{source.target} was trained on images of shape {form.image_shape}; "
-            f"those of this protocol have {IMAGE_SHAPE}"
-        )
+        text = f"it was trained on images of shape {form.image_shape}, not {IMAGE_SHAPE}"
+        raise PolicyLoadError(text)
     return form

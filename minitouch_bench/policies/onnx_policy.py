@@ -18,7 +18,7 @@ from minitouch_bench.policies.policy import (
     PolicySource,
     fits_shape,
 )
-from minitouch_bench.policies.sources import check_bytes
+from minitouch_bench.policies.sources import declares_too_much
 
 INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
 OUTPUT = "action"
@@ -54,8 +54,8 @@ def load_onnx(source: PolicySource) -> OnnxPolicy:
     try:
         model = onnx.load_model_from_string(source.content)
     except Exception as error:  # the protobuf package's own class, which is no dependency of ours
-        raise PolicyLoadError(f"{source.target} is not an ONNX file") from error
-    check_model(onnx, model, source.target)
+        raise PolicyLoadError("not an ONNX file") from error
+    check_model(onnx, model)
     options = runtime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
@@ -81,7 +81,7 @@ def find_recurrent(model: Any) -> str:
     return ""
 
 
-def check_model(onnx: Any, model: Any, target: str) -> None:
+def check_model(onnx: Any, model: Any) -> None:
     """Refuse a graph that reads other files, declares too much, or has other inputs and output.
 
     Raises:
@@ -94,24 +94,23 @@ def check_model(onnx: Any, model: Any, target: str) -> None:
     for tensor in _messages(model, onnx.TensorProto):
         declared += math.prod(tensor.dims)  # at least: some types pack two into a byte
         if tensor.data_location == external or tensor.external_data:
-            raise PolicyLoadError(
-                f"{target} keeps weights in another file; export with external_data=False"
-            )
-    check_bytes(declared // 2, model.ByteSize(), target)
+            raise PolicyLoadError("weights are in another file; export with external_data=False")
+    if declares_too_much(declared // 2, model.ByteSize()):
+        raise PolicyLoadError(f"it declares {declared // 2} bytes: it is not unpacked")
     weights = {tensor.name for tensor in model.graph.initializer}
     inputs = {value.name: value for value in model.graph.input if value.name not in weights}
     if set(inputs) != set(INPUT_SHAPES):
-        raise PolicyLoadError(f"{target} has inputs {sorted(inputs)}, not ['image', 'touch']")
+        raise PolicyLoadError(f"it has inputs {sorted(inputs)}, not ['image', 'touch']")
     types = {"image": onnx.TensorProto.UINT8, "touch": onnx.TensorProto.FLOAT}
     for name, shape in INPUT_SHAPES.items():
         tensor_type = inputs[name].type.tensor_type
         axes = [axis.dim_value or None for axis in tensor_type.shape.dim]
         if tensor_type.elem_type != types[name] or not fits_shape(axes, shape):
             wanted = "uint8" if name == "image" else "float32"
-            raise PolicyLoadError(f"{target}: input '{name}' is not {wanted} {shape}")
+            raise PolicyLoadError(f"input '{name}' is not {wanted} {shape}")
     outputs = [value.name for value in model.graph.output]
     if OUTPUT not in outputs:
-        raise PolicyLoadError(f"{target} has outputs {outputs}, not ['action']")
+        raise PolicyLoadError(f"it has outputs {outputs}, not ['action']")
 
 
 def _messages(message: Any, wanted: type) -> Iterator[Any]:

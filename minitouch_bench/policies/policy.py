@@ -294,15 +294,17 @@ def load_policy(source: PolicySource) -> Policy:
     """Build the policy of a source, whose ``content`` is the file's bytes.
 
     Raises:
-        PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form.
+        PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form; loaders say in
+            what respect, and here the name of the file is added.
         MissingExtraError: an optional package of the format is not installed.
     """
     loader = find_loader(source.kind)
     try:
         return loader(source)
+    except PolicyLoadError as error:
+        raise PolicyLoadError(f"{source.target}: {error}") from error
     except MiniTouchError:
         raise
     except Exception as error:  # whatever a foreign reader raises means: not loadable
-        raise PolicyLoadError(
-            f"{source.target} is not a readable {source.kind} policy: {describe(error)}"
-        ) from error
+        text = f"{source.target}: not a readable {source.kind} policy: {describe(error)}"
+        raise PolicyLoadError(text) from error

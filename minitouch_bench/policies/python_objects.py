@@ -49,10 +49,10 @@ def load_factory(source: PolicySource) -> Policy:
     sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
     factory = look_up(source.target)
     if not callable(factory):
-        raise PolicyLoadError(f"'{source.target}' cannot be called to make a policy")
+        raise PolicyLoadError("it cannot be called to make a policy")
     policy = make_policy(factory, source.deterministic)
     if not callable(getattr(policy, "act", None)):
-        raise PolicyLoadError(f"what '{source.target}' makes has no act()")
+        raise PolicyLoadError("what it makes has no act()")
     return policy if callable(getattr(policy, "reset", None)) else ObjectPolicy(policy)
 
 

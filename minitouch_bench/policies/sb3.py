@@ -81,12 +81,8 @@ def load_sb3(source: PolicySource) -> Sb3Policy:
         with zipfile.ZipFile(io.BytesIO(source.content)) as archive:
             settings, weights = archive.read("data"), archive.read("policy.pth")
         policy = _build(_open_settings(settings), weights)
-    except PolicyLoadError as error:
-        raise PolicyLoadError(f"{source.target}: {error}") from error
     except (zipfile.BadZipFile, LookupError, ValueError, RecursionError) as error:
-        raise PolicyLoadError(
-            f"{source.target} is not a Stable-Baselines3 model: {error}"
-        ) from error
+        raise PolicyLoadError(f"not a Stable-Baselines3 model: {error}") from error
     return Sb3Policy(policy, source.deterministic)
 
 

@@ -235,7 +235,7 @@ def load_remote(source: PolicySource) -> RemotePolicy:
     try:
         info = policy.info()
     except (OSError, ValueError, http.client.HTTPException, PolicyFaultError) as error:
-        raise PolicyLoadError(f"no policy server at {source.target} ({describe(error)})") from error
+        raise PolicyLoadError(f"no policy server answers ({describe(error)})") from error
     if info.get("protocol") != HTTP_API_VERSION:
-        raise PolicyLoadError(f"{source.target} does not speak protocol {HTTP_API_VERSION}")
+        raise PolicyLoadError(f"it does not speak protocol {HTTP_API_VERSION}")
     return policy

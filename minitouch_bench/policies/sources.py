@@ -232,19 +232,16 @@ def check_zip(content: bytes, target: str) -> None:
             members = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return
-    check_bytes(sum(member.file_size for member in members), len(content), target)
-
-
-def check_bytes(declared: int, held: int, target: str) -> None:
-    """Refuse a file of ``held`` bytes that declares too many.
-
-    Raises:
-        PolicyLoadError: saying how many.
-    """
-    if declared > min(LARGEST_CHECKPOINT, MAX_RATIO * held):
+    declared = sum(member.file_size for member in members)
+    if declares_too_much(declared, len(content)):
         raise PolicyLoadError(
-            f"{target} has {held} bytes and declares {declared}: it is not unpacked"
+            f"{target} has {len(content)} bytes and declares {declared}: it is not unpacked"
         )
+
+
+def declares_too_much(declared: int, held: int) -> bool:
+    """Tell whether a file of ``held`` bytes says that it unpacks to too many."""
+    return declared > min(LARGEST_CHECKPOINT, MAX_RATIO * held)
 
 
 @dataclass(frozen=True)

@@ -82,14 +82,13 @@ def load_exported(source: PolicySource) -> ModulePolicy:
         programs = {} if is_compiled else load_pt2(io.BytesIO(source.content)).exported_programs
     except Exception as error:  # whatever is pickled in it may raise
         raise PolicyLoadError(
-            f"{source.target} cannot be read by torch {torch.__version__} (export on the CPU, "
-            f"write with torch.export.save): {describe(error)}"
+            f"it cannot be read by torch {torch.__version__} (export on the CPU, write with "
+            f"torch.export.save): {describe(error)}"
         ) from error
     if "model" not in programs:
         what = "compiled code" if is_compiled else "no program"
-        raise PolicyLoadError(
-            f"{source.target} contains {what}: write it with torch.export.save(program, file)"
-        )
+        text = f"it contains {what}: write it with torch.export.save(program, file)"
+        raise PolicyLoadError(text)
     program = programs["model"]
     names = program.graph_signature.user_inputs
     given = [node.meta.get("val") for node in program.graph.nodes if node.name in names]
@@ -100,7 +99,7 @@ def load_exported(source: PolicySource) -> ModulePolicy:
     if not fits:
         shown = (f"{getattr(x, 'dtype', x)} {tuple(getattr(x, 'shape', ()))}" for x in given)
         raise PolicyLoadError(
-            f"{source.target} has the inputs ({', '.join(shown)}), keywords or several results.\n"
+            f"it has the inputs ({', '.join(shown)}), keywords or several results.\n"
             f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
         )
     return ModulePolicy(program.module(), find_program_memory(program))
@@ -118,18 +117,15 @@ def load_torchscript(source: PolicySource) -> ModulePolicy:
             module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         if RAN in str(error):
-            text = f"{source.target} failed in code of its own: {_last_line(error)}"
-            raise PolicyLoadError(text) from error
+            raise PolicyLoadError(f"code of its own failed: {_last_line(error)}") from error
         raise PolicyLoadError(
-            f"{source.target} is not a TorchScript file. Weights alone are not enough: "
-            "export the module with torch.export as .pt2, see docs/how-to/export-a-policy.md"
+            "not a TorchScript file. Weights alone are not enough: export the module with "
+            "torch.export as .pt2, see docs/how-to/export-a-policy.md"
         ) from error
     module.eval()
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
     if len(arguments) != 2:
-        raise PolicyLoadError(
-            f"{source.target}: forward takes ({', '.join(arguments)}), not (image, touch)"
-        )
+        raise PolicyLoadError(f"forward takes ({', '.join(arguments)}), not (image, touch)")
     return ModulePolicy(module, find_script_memory(module))
 
 
