@@ -385,5 +385,5 @@ def check_content(file: CheckpointFile, content: bytes, problems: Problems) -> N
         what = "its SHA-256 is not that of submission.toml"
         problems.add(file.path, what, "name or put there the file that was evaluated")
     kind = KIND_BY_SUFFIX.get(PurePosixPath(file.file).suffix)
-    if kind is not None and FORMATS[kind].is_zip:
+    if kind is not None and FORMATS[kind].runs_code:
         check_zip(content, file.file)

@@ -30,13 +30,7 @@ import msgspec
 import numpy as np
 import numpy.random  # loaded lazily otherwise, so again in every child
 
-from minitouch_bench.errors import (
-    InvalidActionError,
-    MiniTouchError,
-    PolicyLoadError,
-    PolicyRaisedError,
-    describe,
-)
+from minitouch_bench import errors
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.policy import (
     FORMATS,
@@ -88,7 +82,7 @@ class Host:
         self._end_child(0.0)
         try:
             return {"pid": self._fork(*_prepare(order), *descriptors)}
-        except MiniTouchError as error:
+        except errors.MiniTouchError as error:
             return {"error": str(error), "class": type(error).__name__}
         finally:
             for descriptor in descriptors:
@@ -175,10 +169,12 @@ def _make_sandbox(limits: PolicyLimits, factory: tuple[str, ...], trust: bool) -
 def _import_format(kind: str) -> None:
     try:
         find_loader(kind)
-    except MiniTouchError:
+    except errors.MiniTouchError:
         raise
     except Exception as error:  # an installed package that does not import
-        raise PolicyLoadError(f"cannot read {kind} policies here: {describe(error)}") from error
+        raise errors.PolicyLoadError(
+            f"cannot read {kind} policies here: {errors.describe(error)}"
+        ) from error
     if "torch" in sys.modules:  # sums differ in their last bits between one and two threads
         sys.modules["torch"].set_num_threads(1)
     gc.collect()
@@ -217,7 +213,7 @@ def _confine(sandbox: Sandbox | None, channel: int) -> bool:
         if sandbox is not None:
             sandbox.enter((channel,))
     except OSError as error:
-        wire.write_frame(channel, wire.Frame.UNCONFINED, describe(error).encode())
+        wire.write_frame(channel, wire.Frame.UNCONFINED, errors.describe(error).encode())
         return False
     wire.write_frame(channel, wire.Frame.CONFINED)
     return True
@@ -247,13 +243,13 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             raise
         except BaseException as error:
             kind = wire.Frame.RAISED
-            if request is wire.Frame.LOAD and isinstance(error, MiniTouchError):
+            if request is wire.Frame.LOAD and isinstance(error, errors.MiniTouchError):
                 kind = wire.Frame.REFUSED
-            elif isinstance(error, InvalidActionError):
+            elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID
             # Our own words need no type before them.
-            plain = kind is not wire.Frame.RAISED or isinstance(error, PolicyRaisedError)
-            answer = (str(error) if plain else describe(error)).encode(errors="replace")
+            plain = kind is not wire.Frame.RAISED or isinstance(error, errors.PolicyRaisedError)
+            answer = (str(error) if plain else errors.describe(error)).encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
 

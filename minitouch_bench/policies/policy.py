@@ -195,8 +195,8 @@ class Format:
     ``loader`` names a function or a class of this package as ``module:name``, so that no process
     imports torch but the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
     ``computes_with`` is the package whose version the actions depend on, as pip names it.
-    ``runs_code`` marks a file that can do whatever its process can, as opposed to data that is
-    computed with; ``is_zip`` one whose list of contents is looked at before it is unpacked.
+    ``runs_code`` marks a zip with pickles, which can do whatever its process can, as opposed to
+    data that is computed with; its list of contents is looked at before it is unpacked.
     ``advice`` is shown once to a user who evaluates such a file.
     """
 
@@ -205,7 +205,6 @@ class Format:
     packages: tuple[tuple[str, str], ...] = ()
     computes_with: str = ""
     runs_code: bool = False
-    is_zip: bool = False
     advice: str = ""
 
 
@@ -220,14 +219,12 @@ FORMATS: Mapping[str, Format] = {
         (("torch.export.pt2_archive._package", "all"),),
         computes_with="torch",
         runs_code=True,
-        is_zip=True,
     ),
     "torchscript": Format(
         "torch_programs:load_torchscript",
         (".pt", ".ts"),
         computes_with="torch",
         runs_code=True,
-        is_zip=True,
         advice="TorchScript is deprecated since PyTorch 2.11: .pt and .ts are still read here; "
         "save new policies with torch.export (.pt2)",
     ),
@@ -243,7 +240,6 @@ FORMATS: Mapping[str, Format] = {
         (("stable_baselines3", "sb3"),),
         computes_with="stable-baselines3",
         runs_code=True,
-        is_zip=True,
     ),
     "factory": Format("python_objects:load_factory", packages=(("torch", "all"),)),
     "remote": Format("server:load_remote"),

@@ -146,7 +146,7 @@ def _parse_file(path: Path, *, follow: bool = True) -> PolicySource:
     """Find out what a file is; one that the user did not name may be no link to another file."""
     kind = _kind_of(path)
     content = read_checkpoint(path, follow=follow)
-    if FORMATS[kind].is_zip:
+    if FORMATS[kind].runs_code:
         check_zip(content, str(path))
     return PolicySource(kind, path.stem, str(path), hashlib.sha256(content).hexdigest())
 

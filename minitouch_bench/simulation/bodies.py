@@ -33,57 +33,42 @@ DOOR_JOINT = 0
 @cache
 def cube_urdf(cube: CubeSpec) -> Path:
     """Return the URDF of a cube."""
-    side, mass = cube.side, cube.mass
-    inertia = mass * side**2 / 6
-    return cache_file(
-        "cube",
-        ".urdf",
-        f"""<robot name="cube"><link name="cube">
-  <contact><friction_anchor/><lateral_friction value="{cube.friction}"/></contact>
-  <inertial><mass value="{mass}"/>{_inertia(inertia, inertia, inertia)}</inertial>
-{_boxes([((0, 0, 0), (side, side, side))], COLORS.object_color)}
-</link></robot>
-""".encode(),
-    )
+    moment = cube.mass * cube.side**2 / 6
+    boxes = _boxes([((0, 0, 0), (cube.side,) * 3)], COLORS.object_color)
+    return _filled("cube", cube=cube, inertia=_inertia(moment, moment, moment), boxes=boxes)
 
 
 @cache
-def cabinet_urdf(cabinet: CabinetSpec) -> Path:
+def cabinet_urdf(c: CabinetSpec) -> Path:
     """Return the URDF of a cabinet."""
-    c = cabinet
     handle_height = c.handle_high - c.handle_low
     handle = (c.handle_thickness, c.handle_thickness, handle_height)
     door = (c.door_thickness, c.door_width, c.door_height)
-    depth_inertia = c.door_mass * (c.door_height**2 + c.door_width**2) / 12
-    swing_inertia = c.door_mass * (c.door_width**2 + c.door_thickness**2) / 12
-    tilt_inertia = c.door_mass * (c.door_height**2 + c.door_thickness**2) / 12
     door_middle = (0.0, c.door_width / 2 - c.door_overhang, c.height / 2)
-    handle_x = -(c.door_thickness + c.handle_thickness) / 2
-    handle_z = c.handle_low + handle_height / 2
-    return cache_file(
+    return _filled(
         "cabinet",
-        ".urdf",
-        f"""<robot name="cabinet">
-<link name="body"><inertial><mass value="0"/>{_inertia(0, 0, 0)}</inertial>
-{_boxes(_body_boxes(c), COLORS.cabinet_color)}
-</link>
-<link name="door"><inertial><origin xyz="{_text(door_middle)}"/><mass value="{c.door_mass}"/>
-{_inertia(depth_inertia, tilt_inertia, swing_inertia)}</inertial>
-{_boxes([(door_middle, door)], COLORS.door_color)}
-</link>
-<joint name="hinge" type="revolute"><parent link="body"/><child link="door"/>
-  <origin xyz="{c.door_thickness / 2} {c.hinge_y} 0"/><axis xyz="0 0 1"/>
-  <limit lower="0" upper="{c.max_angle}" effort="100" velocity="10"/>
-</joint>
-<link name="handle"><inertial><mass value="0.01"/>{_inertia(1e-5, 1e-5, 1e-5)}</inertial>
-{_boxes([((0, 0, 0), handle)], COLORS.handle_color)}
-</link>
-<joint name="mount" type="fixed"><parent link="door"/><child link="handle"/>
-  <origin xyz="{handle_x} {c.handle_radius} {handle_z}"/>
-</joint>
-</robot>
-""".encode(),
+        c=c,
+        body=_boxes(_body_boxes(c), COLORS.cabinet_color),
+        door=_boxes([(door_middle, door)], COLORS.door_color),
+        handle=_boxes([((0, 0, 0), handle)], COLORS.handle_color),
+        door_middle=_text(door_middle),
+        hinge_x=c.door_thickness / 2,
+        handle_x=-(c.door_thickness + c.handle_thickness) / 2,
+        handle_z=c.handle_low + handle_height / 2,
+        no_inertia=_inertia(0, 0, 0),
+        handle_inertia=_inertia(1e-5, 1e-5, 1e-5),
+        door_inertia=_inertia(
+            c.door_mass * (c.door_height**2 + c.door_width**2) / 12,
+            c.door_mass * (c.door_height**2 + c.door_thickness**2) / 12,
+            c.door_mass * (c.door_width**2 + c.door_thickness**2) / 12,
+        ),
     )
+
+
+def _filled(name: str, **values: object) -> Path:
+    """Return a file of the template ``name`` with these values in it."""
+    template = Path(__file__).with_name(f"{name}.urdf").read_text("utf-8")
+    return cache_file(name, ".urdf", template.format(**values).encode())
 
 
 def _body_boxes(c: CabinetSpec) -> list[Box]:

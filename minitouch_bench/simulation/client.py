@@ -309,25 +309,18 @@ class PhysicsClient:
         return pybullet.getLinkState(body, link, 0, 1, self._id)[4]
 
     def inverse_kinematics(
-        self,
-        body: int,
-        link: int,
-        position: Vector,
-        orientation: Vector,
-        *,
-        damping: Sequence[float],
-        iterations: int,
-        residual: float,
+        self, body: int, link: int, position: Vector, orientation: Vector, movable: int
     ) -> tuple[float, ...]:
-        """Return joint positions for a link's pose; ``damping``: one per movable joint."""
+        """Return positions of the ``movable`` joints that bring a link to a pose."""
+        control = PROTOCOL.control
         return self._bullet.calculateInverseKinematics(
             body,
             link,
             position,
             orientation,
-            jointDamping=damping,
-            maxNumIterations=iterations,
-            residualThreshold=residual,
+            jointDamping=[control.ik_damping] * movable,
+            maxNumIterations=control.ik_iterations,
+            residualThreshold=control.ik_residual,
         )
 
     # Contacts and pictures

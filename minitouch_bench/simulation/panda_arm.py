@@ -60,14 +60,9 @@ class PandaKinematics:
     ) -> list[float]:
         for joint, value in zip(ARM_JOINTS, start, strict=True):
             self._client.set_joint(self._body, joint, value)
+        movable = len(ARM_JOINTS) + len(FINGER_JOINTS)
         solution = self._client.inverse_kinematics(
-            self._body,
-            END_EFFECTOR,
-            position,
-            orientation,
-            damping=[CONTROL.ik_damping] * (len(ARM_JOINTS) + len(FINGER_JOINTS)),
-            iterations=CONTROL.ik_iterations,
-            residual=CONTROL.ik_residual,
+            self._body, END_EFFECTOR, position, orientation, movable
         )
         return list(solution[: len(ARM_JOINTS)])
 

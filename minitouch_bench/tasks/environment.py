@@ -78,16 +78,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         max_steps: int | None = None,
         perturbation: Perturbation = UNPERTURBED,
     ) -> None:
-        EzPickle.__init__(
-            self,
-            task,
-            objects,
-            render_mode,
-            width=width,
-            height=height,
-            max_steps=max_steps,
-            perturbation=perturbation,
-        )
+        sizes = {"width": width, "height": height, "max_steps": max_steps}
+        EzPickle.__init__(self, task, objects, render_mode, **sizes, perturbation=perturbation)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
         if min(width, height) < 1 or (max_steps or 1) < 1:
@@ -161,14 +153,9 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._steps += 1
         outcome = self.task.outcome(self.client)
         truncated = outcome is None and self._steps >= self._max_steps
-        info = self._info(
-            applied,
-            Outcome.STEP_LIMIT if truncated else outcome,
-            ticks=ticks,
-            contact_ticks=watch.contact_ticks - contact_ticks,
-            onsets=watch.onsets - onsets,
-            clipped=bool((given != applied).any()),
-        )
+        counted = ticks, watch.contact_ticks - contact_ticks, watch.onsets - onsets
+        ended = Outcome.STEP_LIMIT if truncated else outcome
+        info = self._info(applied, ended, counted, clipped=bool((given != applied).any()))
         reward = self.task.reward(self.client, outcome)
         return self._observe(), reward, outcome is not None, truncated, info
 
@@ -257,12 +244,12 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self,
         action: NDArray[np.float32],
         outcome: Outcome | None = None,
+        counted: tuple[int, int, int] = (0, 0, 0),
         *,
-        ticks: int = 0,
-        contact_ticks: int = 0,
-        onsets: int = 0,
         clipped: bool = False,
     ) -> Info:
+        """Return a step's info; ``counted``: its ticks, those with contact, and its onsets."""
+        ticks, contact_ticks, onsets = counted
         # Arrays, for vector environments stack no numpy.bool_.
         success = np.array(outcome is Outcome.SUCCESS)
         return {
