@@ -190,7 +190,9 @@ def serve_episode(order: wire.StartOrder, sandbox: Sandbox | None, channel: int)
             _serve(order, channel)
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
-        code = _exit_code(stop)
+        code = stop.code & 0xFF if isinstance(stop.code, int) else int(stop.code is not None)
+        if isinstance(stop.code, str):
+            print(stop.code, file=sys.stderr, flush=True)
     except BrokenPipeError:  # the evaluation gave this episode up
         code = 0
     finally:
@@ -252,16 +254,6 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             answer = (str(error) if plain else errors.describe(error)).encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
-
-
-def _exit_code(stop: SystemExit) -> int:
-    """Return the code that Python itself would exit with, and print a text as it would."""
-    if stop.code is None:
-        return 0
-    if isinstance(stop.code, int):
-        return stop.code & 0xFF
-    print(stop.code, file=sys.stderr, flush=True)
-    return 1
 
 
 def main() -> None:

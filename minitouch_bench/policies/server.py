@@ -41,11 +41,7 @@ MAX_EPISODES = 1024
 
 
 class RequestError(Exception):
-    """A request that gets another status than 200."""
-
-    def __init__(self, status: HTTPStatus, text: str) -> None:
-        super().__init__(text)
-        self.status = status
+    """A request that gets another status than 200: the status, and a text."""
 
 
 class PolicyServer(ThreadingHTTPServer):
@@ -116,7 +112,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
         try:
             answer = self._answer(self._body())
         except RequestError as error:
-            status, answer = error.status, {"error": str(error)}
+            status, answer = error.args[0], {"error": error.args[1]}
         except WireError as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
         except Exception as error:  # the policy's own failure is for the evaluation to show

@@ -211,7 +211,7 @@ class GripRig:
                 view = View.of(replace(spec.camera, target=tuple(target.tolist())))
                 size = PROTOCOL.observation.image_size
                 image = self._client.render(view, size, size, bodies=True)
-                counts.append(np.count_nonzero(np.equal(np.asarray(image.bodies), body)))
+                counts.append(np.count_nonzero(image.bodies == body))
         return int(min(counts))
 
     def _fresh_world(self, quaternion: Quaternion, height: float) -> int:

@@ -7,6 +7,7 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -91,7 +92,10 @@ class Shape(Struct, frozen=True, rename=KEYS):
         """
         names = file_names(files_stem(self.digest))
         folder = cache_directory() / "shapes" / self.digest[:2]
-        if _digest_of(folder, names) != self.files_sha256:
+        kept = ""
+        with suppress(OSError):
+            kept = digest(*(read_file(folder / name, MIB) for name in names))
+        if kept != self.files_sha256:
             files = body_files(self.body())
             if digest(*files.values()) != self.files_sha256:
                 raise UsageError(
@@ -239,14 +243,6 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
     return tuple(
         item if isinstance(item, Shape) else canonical_shape_set().by_name(item) for item in chosen
     )
-
-
-def _digest_of(folder: Path, names: tuple[str, ...]) -> str:
-    """Return the digest over files, "" if one is missing."""
-    try:
-        return digest(*(read_file(folder / name, MIB) for name in names))
-    except OSError:
-        return ""
 
 
 def splits_of(seed: int | None, families: Sequence[str], digests: Sequence[str]) -> tuple[str, ...]:

@@ -56,7 +56,6 @@ def _picture(client: PhysicsClient, shape: Shape) -> str:
     body = client.load_urdf(shape.urdf, orientation=turned)
     client.paint({(body, -1): HELD_OUT_COLOR if shape.split == Split.HELD_OUT else TRAIN_COLOR})
     image = client.render(View.of(CAMERA), 2 * TILE, 2 * TILE, bodies=True)
-    assert image.bodies is not None
     on_white = np.where(image.bodies[..., None] >= 0, image.rgb, np.uint8(255))
     buffer = io.BytesIO()
     Image.fromarray(on_white).reduce(2).quantize(48).save(buffer, "PNG", optimize=True)

@@ -46,13 +46,11 @@ def _check_build() -> None:
     Raises:
         UsageError: another one is installed.
     """
-    installed = installed_versions(BUILDS)
-    if not installed.items() & BUILDS.items():
-        here = " and ".join(f"{name} {number}" for name, number in installed.items())
+    if not installed_versions(BUILDS).items() & BUILDS.items():
         name = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
         raise UsageError(
-            f"the protocol's simulator is {PROTOCOL.physics.simulator}, installed is "
-            f"{here or 'another'}: pip install {name}=={BUILDS[name]}"
+            f"the protocol's simulator is {PROTOCOL.physics.simulator}, installed is another: "
+            f"pip install {name}=={BUILDS[name]}"
         )
 
 
@@ -83,13 +81,13 @@ class Contact(NamedTuple):
 class Image(NamedTuple):
     """A rendered picture: ``rgb`` uint8 (H, W, 3) and ``depth`` float32 (H, W), 1 = nothing.
 
-    ``bodies`` int32 (H, W): the body seen at each pixel, -1 where there is none; None unless
+    ``bodies`` int32 (H, W): the body seen at each pixel, -1 where there is none; empty unless
     asked for.
     """
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
-    bodies: NDArray[np.int32] | None = None
+    bodies: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -365,5 +363,5 @@ class PhysicsClient:
         return Image(
             np.reshape(np.asarray(rgba, np.uint8), (*size, 4))[..., :3],
             np.reshape(np.asarray(depth, np.float32), size),
-            np.reshape(np.asarray(seen, np.int32), size) if bodies else None,
+            np.reshape(np.asarray(seen, np.int32), size) if bodies else np.empty(0, np.int32),
         )

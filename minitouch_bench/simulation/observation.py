@@ -119,33 +119,25 @@ class GrayCamera:
     def __init__(self, camera: CameraSpec) -> None:
         self._view = View.of(camera)
         self._table_x, self._table_y = seen_on_plane(camera, PROTOCOL.physics.table_top)
-        self._background = np.zeros(OBSERVATION.image_shape, np.uint8)
-        self._background_depth = np.ones((SIZE, SIZE), np.float32)
-        self._background_bodies = np.full((SIZE, SIZE), -1, np.int32)
-        self._is_table = np.zeros((SIZE, SIZE), np.bool_)
 
     def keep_background(
         self, client: PhysicsClient, table: int, static_parts: Collection[Part]
     ) -> None:
         """Render the table and ``static_parts`` alone as the background from now on."""
-        image = take_out(client, self._view, (SIZE, SIZE), {(table, -1), *static_parts})
-        self._background = _pixels(image)
-        self._background_depth = image.depth
-        assert image.bodies is not None
-        self._background_bodies = image.bodies
-        self._is_table = image.bodies == table
+        self._static = take_out(client, self._view, (SIZE, SIZE), {(table, -1), *static_parts})
+        self._background = _pixels(self._static)
+        self._is_table = self._static.bodies == table
 
     def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
         """Return the body seen at each pixel, int32 (SIZE, SIZE)."""
         image = client.render(self._view, SIZE, SIZE, bodies=True)
-        assert image.bodies is not None
-        hidden = image.depth >= self._background_depth
-        return np.where(hidden, self._background_bodies, image.bodies)
+        hidden = image.depth >= self._static.depth
+        return np.where(hidden, self._static.bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
         """Return the image, uint8 (C, SIZE, SIZE): what is visible now, over the background."""
         image = client.render(self._view, SIZE, SIZE)
-        hidden = image.depth >= self._background_depth
+        hidden = image.depth >= self._static.depth
         return np.where(hidden, self._shaded(shadows), _pixels(image))
 
     def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
