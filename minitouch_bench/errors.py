@@ -144,15 +144,13 @@ def printable(text: str) -> str:
     """Return the text on one line, without control, direction, surrogate and unseen characters."""
     if text.isascii() and text.isprintable():
         return text.strip()
-    return "".join(map(_character, text)).strip()
+    spaced = (" " if character.isspace() else character for character in text)
+    return "".join(filter(_is_seen, spaced)).strip()
 
 
-def _character(character: str) -> str:
-    if character.isspace():
-        return " "
-    if character in UNSEEN_CHARACTERS or unicodedata.category(character).startswith("C"):
-        return ""
-    return character
+def _is_seen(character: str) -> bool:
+    is_control = unicodedata.category(character).startswith("C")
+    return character not in UNSEEN_CHARACTERS and not is_control
 
 
 MAX_TEXT = 200

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
@@ -137,8 +137,9 @@ PRICE = (
     "With --isolation process a policy could read and write your files, use the network and "
     "signal your programs: only for files you trust"
 )
-ENTERED = 100
-"""Exit code of a process that tried the sandbox and found that it holds."""
+ENTERED, REFUSED, FIRST_ESCAPE = 100, 101, 10
+"""Exit codes of a process that tried the sandbox: it holds; it could not be entered; by what deed
+it was left."""
 
 
 @dataclass(frozen=True)
@@ -206,55 +207,43 @@ def check_holds(sandbox: Sandbox) -> None:
     """Let a child enter a sandbox and try to break out.
 
     Raises:
-        IsolationError: it could not enter, or got out.
+        IsolationError: it could not enter, or got out, or it is unclear whether it could.
     """
+    host = os.getpid()
     try:
         with tempfile.NamedTemporaryFile() as file:
-            problem, status = _send_in(sandbox, file.name)
+            child = os.fork()
+            if child == 0:
+                try:
+                    die_with(host)
+                    _try_out(sandbox, file.name)
+                finally:
+                    os._exit(1)
+            status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     except OSError as error:
         raise _unavailable(f"it cannot be tried out: {error.strerror}") from error
+    if status == REFUSED:
+        raise _unavailable("the kernel refused a part of it")
     if status != ENTERED:
-        raise _unavailable(problem or f"a process that entered it ended with status {status}")
+        deed = dict(enumerate(ESCAPES, FIRST_ESCAPE)).get(status)
+        other = f"a process that entered it ended with status {status}"
+        raise _unavailable(f"a process in it can {deed}" if deed else other)
 
 
-def _send_in(sandbox: Sandbox, file: str) -> tuple[str, int]:
-    """Return what a child reports that entered the sandbox, and its exit code."""
-    host = os.getpid()
-    reader, writer = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            die_with(host)
-            _try_out(sandbox, writer, file)
-        finally:
-            os._exit(1)
-    os.close(writer)
-    with open(reader, encoding="utf-8", errors="replace") as report:
-        problem = report.read()
-    return problem, os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
-def _try_out(sandbox: Sandbox, report: int, file: str) -> None:
+def _try_out(sandbox: Sandbox, file: str) -> NoReturn:
+    """Enter, try each escape, and exit with the code that says how it went."""
     try:
-        sandbox.enter((report,))
-    except OSError as error:
-        os.write(report, f"the kernel refused a part of it: {error.strerror}".encode())
-        return
-    escapes: dict[str, Callable[[], object]] = {
-        **ESCAPES,
-        "write a file": lambda: os.open(file, os.O_WRONLY),
-        "empty a file": lambda: os.open(file, NEITHER_READ_NOR_WRITE | os.O_TRUNC),
-    }
-    for deed, attempt in escapes.items():
+        sandbox.enter(())
+    except OSError:
+        os._exit(REFUSED)
+    for code, attempt in enumerate(ESCAPES.values(), FIRST_ESCAPE):
         try:
-            attempt()
+            attempt(file)
         except PermissionError:
             continue
-        except OSError as error:
-            os.write(report, f"whether it can {deed} is unclear: {error.strerror}".encode())
-            return
-        os.write(report, f"a process in it can {deed}".encode())
-        return
+        except OSError:
+            pass
+        os._exit(code)
     os.close(os.open(os.__file__, os.O_RDONLY))  # and Python must be able to go on
     os._exit(ENTERED)
 
@@ -264,17 +253,20 @@ def _fork() -> None:
         os._exit(0)
 
 
-ESCAPES: Mapping[str, Callable[[], object]] = {
-    "list the root folder": lambda: os.listdir("/"),
-    "read /etc/passwd": lambda: os.open("/etc/passwd", os.O_RDONLY),
-    "open a socket": socket.socket,
-    "start a process": _fork,
-    "start a program": lambda: os.execv("/proc/self/exe", ["x", "-c", ""]),
-    "signal another process": lambda: os.kill(os.getppid(), 0),
-    "trace another process": lambda: kernel.system_call(
+ESCAPES: Mapping[str, Callable[[str], object]] = {
+    "list the root folder": lambda _: os.listdir("/"),
+    "read /etc/passwd": lambda _: os.open("/etc/passwd", os.O_RDONLY),
+    "open a socket": lambda _: socket.socket(),
+    "start a process": lambda _: _fork(),
+    "start a program": lambda _: os.execv("/proc/self/exe", ["x", "-c", ""]),
+    "signal another process": lambda _: os.kill(os.getppid(), 0),
+    "trace another process": lambda _: kernel.system_call(
         {"x86_64": 101, "aarch64": 117}[platform.machine()], 16, os.getppid(), 0, 0
     ),
+    "write a file": lambda file: os.open(file, os.O_WRONLY),
+    "empty a file": lambda file: os.open(file, NEITHER_READ_NOR_WRITE | os.O_TRUNC),
 }
+"""What a process in a sandbox must not be able to do; each is given a file."""
 
 
 def _unavailable(reason: str) -> IsolationError:

@@ -52,7 +52,7 @@ def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
     made = sandbox.prepare(*ROOMY)
     monkeypatch.setattr(sandbox.kernel, "install_filter", lambda program: None)
     monkeypatch.setattr(kernel, "restrict_self", lambda ruleset, abi: None)
-    monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda: None})
+    monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda _: None})
     with pytest.raises(IsolationError, match=f"a process in it can {deed}"):
         sandbox.check_holds(made)
     os.close(made.ruleset)
