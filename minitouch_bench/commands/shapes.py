@@ -56,7 +56,7 @@ def check(
 @app.command(cls=Command)
 def preview(folder: Folder, output: Output) -> None:
     """Write a page with a picture of every shape, to browse the set offline."""
-    from minitouch_bench.shapegen import preview as workflow
+    from minitouch_bench.shapegen import check as workflow
     from minitouch_bench.shapegen.manifest import load_shape_set
 
     with count_progress("pictures") as progress:

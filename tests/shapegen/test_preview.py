@@ -1,7 +1,7 @@
 from pathlib import Path
 
+from minitouch_bench.shapegen.check import preview
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.preview import preview
 
 
 def test_the_page_shows_every_shape(small_set: Path, tmp_path: Path) -> None:
