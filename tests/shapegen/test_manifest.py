@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.spec import Split
 from minitouch_bench.shapegen.body_codec import encode
 from minitouch_bench.shapegen.generate import family_of
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set, splits_of
@@ -121,34 +120,9 @@ def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> Non
     assert load_shape_set(small_set).digest != before
 
 
-def splits_of_first(count: int, seed: int) -> tuple[str, ...]:
-    """Return the splits of the first shapes of a seed; their records matter in seed 0 alone."""
-    canonical = canonical_shape_set().shapes
-    digests = [canonical[i].digest if i < 1000 else str(i) for i in range(count)]
-    return splits_of(seed, [family_of(i) for i in range(count)], digests)
-
-
-def test_the_canonical_set_follows_the_rule() -> None:
-    assert splits_of_first(1000, 0) == tuple(s.split for s in canonical_shape_set().shapes)
-
-
-@pytest.mark.parametrize("seed", [0, 7])
-def test_a_shape_keeps_its_split_whatever_the_size_of_its_set(seed: int) -> None:
-    whole = splits_of_first(1200, seed)
-    for count in (1, 40, 999, 1000, 1001):
-        assert splits_of_first(count, seed) == whole[:count]
-
-
-def test_other_seeds_hold_out_one_in_five_of_each_family_at_other_places() -> None:
-    found = {seed: splits_of_first(400, seed) for seed in (1, 2)}
-    assert found[1] != found[2]
-    for splits in found.values():
-        for family in range(8):
-            assert splits[family::8].count(Split.HELD_OUT) == 10
-        # The place within five is not always the same one.
-        assert len({splits[start : start + 40 : 8].index(Split.HELD_OUT) for start in range(8)}) > 1
-
-
-def test_an_imported_set_is_split_as_a_whole() -> None:
-    splits = splits_of(None, ["imported"] * 50, [str(i) for i in range(50)])
-    assert (splits.count(Split.HELD_OUT), splits.count(Split.TRAIN)) == (10, 40)
+@pytest.mark.parametrize("count", [1, 40, 999, 1000, 1200])
+def test_a_set_of_the_canonical_seed_has_the_canonical_splits(count: int) -> None:
+    canonical = canonical_shape_set().shapes[:count]
+    digests = [*(shape.digest for shape in canonical), *map(str, range(count - len(canonical)))]
+    splits = splits_of(0, [family_of(i) for i in range(count)], digests)
+    assert splits[:1000] == tuple(shape.split for shape in canonical)
