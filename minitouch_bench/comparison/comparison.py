@@ -9,7 +9,6 @@ from rich.console import Console
 
 from minitouch_bench.comparison import gate_report, pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
-from minitouch_bench.comparison.power import episodes_needed
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
@@ -129,7 +128,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
                         effect,
                         p_adjusted := next(adjusted),
                         verdict(effect, p_adjusted, (first.title, other.title)),
-                        episodes_needed(values, ALPHA),
+                        pairing.episodes_needed(values, ALPHA),
                     )
                     for values, effect in row
                 ),

@@ -22,13 +22,12 @@ from minitouch_bench.comparison.pairing import (
     PairedValues,
     Pairs,
 )
-from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
 from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
-from minitouch_bench.metrics.statistics import ALPHA, Share, holm
+from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, Share, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
@@ -357,7 +356,7 @@ def judge_tasks(
 
 def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) -> int | None:
     """Return the episodes per task that show the worsening, or exclude it; None for too many."""
-    needed = episodes_needed(values, 2.0 * level, allowed)
+    needed = pairing.episodes_needed(values, 2.0 * level, allowed)
     if needed is None:
         return None
     per_task = -(-max(needed, effect.count + 1) // len(values.tasks))

@@ -3,6 +3,7 @@
 Every difference that ``compare`` and ``regress`` show is of ``paired_test``, and computed once.
 """
 
+import math
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -251,6 +252,25 @@ def paired_test(values: PairedValues, root: Root) -> Effect:
         p_value=p_value,
         differing=int(np.count_nonzero(values.differences)),
     )
+
+
+MOST_EPISODES = 1_000_000
+"""No larger number of episodes is ever asked for."""
+
+
+def episodes_needed(
+    values: PairedValues, level: float, tolerance: float | None = None
+) -> int | None:
+    """Return about how many episodes settle a difference in four of five cases, if it is as seen.
+
+    ``tolerance``: see ``Statistic.episodes_needed``; None where any difference is to be shown.
+    None is returned for no difference, too many episodes, or a quantile, which has no formula.
+    """
+    worse = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
+    if tolerance is None:
+        worse, tolerance = worse * np.sign(worse.mean()), 0.0
+    needed = METRICS[values.metric].statistic.episodes_needed(worse, level, tolerance)
+    return math.ceil(needed) if needed <= MOST_EPISODES else None
 
 
 # What is said of two runs

@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 
 from minitouch_bench.comparison import gate, pairing
-from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import (
@@ -22,7 +21,7 @@ from minitouch_bench.metrics.intervals import (
     newcombe,
     wilson,
 )
-from minitouch_bench.metrics.statistics import SHARE
+from minitouch_bench.metrics.statistics import FEWEST_FOR_A_MEAN, SHARE
 from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.runs.run import Run
 

@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -69,6 +70,17 @@ class Statistic(ABC):
     def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the second less the first, float64 (N,) each of the same N episodes."""
 
+    @abstractmethod
+    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
+        """Return about how many episodes settle a difference in four of five cases, as observed.
+
+        Args:
+            worse: How much worse each paired episode is, float64 (N,).
+            level: Two-sided level of the test of a difference.
+            tolerance: A worsening by more is to be shown, one by less to be excluded by the 95 %
+                interval. Infinity is returned where no number of episodes does.
+        """
+
 
 @dataclass(frozen=True)
 class Share(Statistic):
@@ -90,6 +102,25 @@ class Share(Statistic):
         """Estimate the difference with Tango's interval, by the exact McNemar test."""
         discordance = count_discordance(first, second)
         return PairedResult(tango(discordance), discordance.p_value)
+
+    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
+        """Return the episodes of the McNemar test, or of Tango's interval.
+
+        1 / worsening corrects the test's normal form for its exact tails; where all pairs that
+        differ are lost, signs need a few of them. Source: R. J. Connor, "Sample size for testing
+        differences in proportions for the paired-sample design", Biometrics 43 (1987).
+        """
+        worsening, differing = float(worse.mean()), float(np.abs(worse).mean())
+        distance = abs(worsening - tolerance)
+        if distance == 0.0:
+            return math.inf
+        spread = POWER_QUANTILE * math.sqrt(max(differing - worsening**2, 0.0))
+        if worsening > tolerance:
+            shown = (_two_sided(level) * math.sqrt(differing) + spread) / worsening
+            signs = math.log2(2.0 / level) / differing
+            return max(shown**2 + 1.0 / worsening, signs, (spread / distance) ** 2)
+        excluded = (NORMAL_QUANTILE / POWER_QUANTILE + 1.0) * spread / distance
+        return max(excluded**2, NORMAL_QUANTILE**2 * (1.0 / distance - 1.0))
 
 
 @dataclass(frozen=True)
@@ -115,6 +146,25 @@ class Mean(Statistic):
         """
         differences = second - first
         return PairedResult(bootstrap_mean(differences, rng), sign_flip_p(differences, rng))
+
+    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
+        """Return the episodes of a paired t test, or of the interval of a mean.
+
+        To show a worsening, signs alone need a few episodes as well. Source: W. C. Guenther,
+        "Sample size formulas for normal theory t tests", Am. Stat. 35 (1981).
+        """
+        worsening = float(worse.mean())
+        deviation = float(worse.std(ddof=1)) if len(worse) > 1 else 0.0
+
+        def needed(distance: float, quantile: float) -> float:
+            if distance <= 0.0:
+                return math.inf
+            return ((quantile + POWER_QUANTILE) * deviation / distance) ** 2 + quantile**2 / 2.0
+
+        if worsening > tolerance:
+            shown = needed(worsening, _two_sided(level))
+            return max(shown, needed(worsening - tolerance, 0.0), math.ceil(math.log2(2 / level)))
+        return max(needed(tolerance - worsening, NORMAL_QUANTILE), FEWEST_FOR_A_MEAN)
 
 
 @dataclass(frozen=True)
@@ -165,6 +215,10 @@ class Quantile(Statistic):
         )  # fmt: skip
         return PairedResult(estimate, float(test.pvalue))
 
+    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
+        """Return infinity: there is no formula."""
+        return math.inf
+
     def _of(self, values: Floats, axis: int) -> Floats:
         quantiles: Floats = np.quantile(values, self.level, axis=axis, method="inverted_cdf")
         return quantiles
@@ -182,6 +236,11 @@ ALPHA: Final = 0.05
 POWER: Final = 0.8
 """A difference is called detectable if so large a share of equal experiments would show it."""
 
+POWER_QUANTILE = NormalDist().inv_cdf(POWER)
+
+FEWEST_FOR_A_MEAN = 10
+"""Episodes below which no bound of a mean is believed."""
+
 TANGO = "tango"
 
 HALVINGS = 60
@@ -189,6 +248,10 @@ HALVINGS = 60
 
 EXACT_FLIPS = 13
 """Up to so many differences that are not 0, every choice of signs is tried."""
+
+
+def _two_sided(level: float) -> float:
+    return NormalDist().inv_cdf(1.0 - level / 2.0)
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minitouch_bench.comparison import power
-from minitouch_bench.comparison.pairing import PairedValues
-from minitouch_bench.comparison.power import FEWEST_FOR_A_MEAN, episodes_needed
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.comparison.pairing import PairedValues, episodes_needed
 from minitouch_bench.metrics.intervals import bootstrap_mean
-from minitouch_bench.metrics.statistics import Discordance, Statistic, mcnemar_p, sign_flip_p, tango
+from minitouch_bench.metrics.statistics import (
+    FEWEST_FOR_A_MEAN,
+    Discordance,
+    mcnemar_p,
+    sign_flip_p,
+    tango,
+)
 
 TRIALS = 1000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)
@@ -99,13 +101,3 @@ def test_means_that_need_no_or_endless_episodes():
     assert episodes_needed(means(20, 0.0, 0.0), 0.1, 1.0) == FEWEST_FOR_A_MEAN
     assert episodes_needed(means(20, 5.0, 0.0), 0.05) == 6  # signs alone
     assert episodes_needed(means(1, 5.0, 2.0), 0.05) == 6
-
-
-def test_an_unknown_statistic_is_an_error(monkeypatch):
-    class Other(Statistic):
-        value = estimate = difference = paired_test = None
-
-    other = replace(METRICS["episode_steps"], statistic=Other())
-    monkeypatch.setattr(power, "METRICS", {**METRICS, "episode_steps": other})
-    with pytest.raises(TypeError, match="not defined"):
-        episodes_needed(means(9, 1.0, 1.0), 0.05)
