@@ -13,14 +13,8 @@ import scipy
 
 from minitouch_bench.comparison import gate, pairing
 from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.intervals import (
-    INTERVAL_ENDS,
-    Estimate,
-    mean_differences,
-    newcombe,
-    wilson,
-)
 from minitouch_bench.metrics.statistics import FEWEST_FOR_A_MEAN, SHARE
 from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.runs.run import Run
@@ -114,15 +108,15 @@ def compare_trainings(sides: Sequence[Sequence[pairing.PairedValues]]) -> pairin
     if not metric.statistic.is_additive:
         raise UsageError(f"{like.metric} has no test over training seeds")
     before, after = (np.array([values.second for values in side]) for side in sides)
-    found = mean_differences([[after, before]])
+    found = intervals.mean_differences([[after, before]])
     value, variance, freedom = (
         float(table[0, 1]) for table in (found.value, found.variance, found.freedom)
     )
-    reach = float(scipy.stats.t.ppf(INTERVAL_ENDS[1], freedom)) * math.sqrt(variance)
+    reach = float(scipy.stats.t.ppf(intervals.INTERVAL_ENDS[1], freedom)) * math.sqrt(variance)
     low, high = value - reach, value + reach
     if metric.statistic == SHARE:
-        shares = (wilson(round(won.sum()), won.size) for won in (after, before))
-        over_episodes = newcombe(*shares)
+        shares = (intervals.wilson(round(won.sum()), won.size) for won in (after, before))
+        over_episodes = intervals.newcombe(*shares)
         low, high = min(low, over_episodes.low), max(high, over_episodes.high)
     least, most = metric.range_in(like.task, difference=True)
     seeds = len(before) + len(after)
@@ -133,7 +127,9 @@ def compare_trainings(sides: Sequence[Sequence[pairing.PairedValues]]) -> pairin
         direction=like.direction,
         first=float(before.mean()),
         second=float(after.mean()),
-        difference=Estimate(value, max(low, least), min(high, most), seeds, OVER_TRAININGS),
+        difference=intervals.Estimate(
+            value, max(low, least), min(high, most), seeds, OVER_TRAININGS
+        ),
         p_value=float(found.p_values[0, 1]),
         differing=int(np.count_nonzero(before.mean(axis=0) != after.mean(axis=0))),
     )

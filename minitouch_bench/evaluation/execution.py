@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from minitouch_bench import files
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.errors import (
     HopelessRunError,
@@ -24,14 +25,6 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.files import (
-    RUN_FILE,
-    clear_run,
-    entries_of,
-    holds_run,
-    os_errors_as,
-    write_file,
-)
 from minitouch_bench.machine import installed_versions, machine_facts, require
 from minitouch_bench.policies.policy import computing_packages
 from minitouch_bench.runs.actions import write_actions, write_forces
@@ -91,8 +84,8 @@ def open_run(
     if directory is None:
         return Journal(header)
     if fresh:
-        clear_run(directory)
-    if fresh or not holds_run(directory):
+        files.clear_run(directory)
+    if fresh or not files.holds_run(directory):
         if not fresh:
             _check_empty(directory)
         return Journal.begin(header, package_versions(), directory)
@@ -101,7 +94,7 @@ def open_run(
             f"{directory} already contains a run.\n"
             "Add --resume to continue it, --fresh to replace it, or choose another directory"
         )
-    if (directory / RUN_FILE).exists():
+    if (directory / files.RUN_FILE).exists():
         run = read_run(directory)
         check_same(header, run.header, directory)
         Journal(header, directory).remove()  # a crash after the last file left it
@@ -111,7 +104,7 @@ def open_run(
 
 def _check_empty(directory: Path) -> None:
     """Refuse a directory of other files: one of them could be called as one of a run is."""
-    if entries := entries_of(directory):
+    if entries := files.entries_of(directory):
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
         raise RunDirectoryError(
             f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
@@ -195,7 +188,9 @@ def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: C
         if run.directory is None:
             return run
         content = run_json(run)
-        write_file(run.directory / RUN_FILE, content)  # a directory with it holds a finished run
+        files.write_file(
+            run.directory / files.RUN_FILE, content
+        )  # a directory with it holds a finished run
     opened.remove()
     return replace(run, content=content)
 
@@ -273,7 +268,7 @@ def _new_directory(directory: Path) -> Iterator[Path]:
     """Give a path beside a new directory; what is written there becomes it when the block ends."""
     if directory.exists():
         raise RunDirectoryError(f"{directory} is there already; choose another --output")
-    with os_errors_as(RunDirectoryError, directory, "written"):
+    with files.os_errors_as(RunDirectoryError, directory, "written"):
         directory.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
             # Minari joins a relative path to itself.

@@ -17,19 +17,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
+from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
-from minitouch_bench.metrics.intervals import (
-    DIGITS,
-    OVER_SEEDS,
-    OVER_TASKS,
-    Estimate,
-    Floats,
-    MeanDifferences,
-    mean_differences,
-    mean_p_values,
-    over_seeds,
-    quadrature,
-)
 from minitouch_bench.metrics.statistics import ALPHA, MEAN, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
@@ -53,7 +42,7 @@ BOARD_METRICS = tuple(
 GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
 """The tasks that are compared on held-out and on train shapes."""
 
-Figures = dict[str, dict[str, Estimate]]
+Figures = dict[str, dict[str, intervals.Estimate]]
 """A submission's estimates by task or OVERALL, then by metric."""
 
 
@@ -67,11 +56,13 @@ def score(runs: Sequence[Run]) -> Figures:
             estimates = [tasks[task][metric] for tasks in of_seeds if metric in tasks[task]]
             if len(estimates) == len(runs):
                 possible = METRICS[metric].range_in(task)
-                figures[task][metric] = over_seeds(estimates, possible)
+                figures[task][metric] = intervals.over_seeds(estimates, possible)
     # The trainings of one task are independent of those of another, so their seeds are not paired.
-    mean = quadrature([figures[task]["success"] for task in BOARD_GOALS])
+    mean = intervals.quadrature([figures[task]["success"] for task in BOARD_GOALS])
     if len(runs) > 1:
-        mean = replace(mean, count=len(runs), method=f"{OVER_SEEDS}; {OVER_TASKS}")
+        mean = replace(
+            mean, count=len(runs), method=f"{intervals.OVER_SEEDS}; {intervals.OVER_TASKS}"
+        )
     figures[OVERALL][MEAN_SUCCESS] = mean
     return figures
 
@@ -108,7 +99,7 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
             estimates = [getattr(gap, name) for gap in of_seeds]
             metric = METRICS[RANKED_BY[task]]
             possible = metric.range_in(task, difference=name == "difference")
-            parts[name] = over_seeds(estimates, possible)
+            parts[name] = intervals.over_seeds(estimates, possible)
         if parts:
             found[task] = Gap(**parts)
     return found
@@ -158,14 +149,16 @@ def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[st
     seeds = {name: len(row[BOARD_TASKS[0]]) for name, row in rows.items()}
     rankings = {}
     for task in BOARD_TASKS:
-        found = mean_differences([samples[task]])
+        found = intervals.mean_differences([samples[task]])
         rankings[task] = _rank_table(found, _p_values(task, samples[task]), seeds)
-    found = mean_differences([samples[task] for task in BOARD_GOALS])
+    found = intervals.mean_differences([samples[task] for task in BOARD_GOALS])
     rankings[OVERALL] = _rank_table(found, found.p_values, seeds)
     return rankings
 
 
-def _rank_table(found: MeanDifferences, p_values: Floats, seeds: Mapping[str, int]) -> Ranking:
+def _rank_table(
+    found: intervals.MeanDifferences, p_values: intervals.Floats, seeds: Mapping[str, int]
+) -> Ranking:
     """Rank the rows of a table, each with its name and number of training seeds in ``seeds``."""
     names, means = tuple(seeds), found.value[:, 0]  # less that of the first row
     corrected, better = judge_pairs(means, p_values)
@@ -176,21 +169,23 @@ def _rank_table(found: MeanDifferences, p_values: Floats, seeds: Mapping[str, in
         p = float(f"{corrected[pair]:.4g}")  # further digits depend on the library
         both = seeds[higher], seeds[lower]
         number = None if better[pair] else seeds_to_decide(found, pair, both, ALPHA / undecided)
-        difference = round(float(found.value[pair]), DIGITS)
+        difference = round(float(found.value[pair]), intervals.DIGITS)
         pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
     return Ranking(ranks_of(better), tuple(pairs))
 
 
-def _p_values(task: str, rows: Sequence[Floats]) -> Floats:
+def _p_values(task: str, rows: Sequence[intervals.Floats]) -> intervals.Floats:
     statistic = METRICS[RANKED_BY[task]].statistic
     if statistic == SHARE:
         return share_p_values(rows)
     if statistic == MEAN:
-        return mean_p_values([rows])
+        return intervals.mean_p_values([rows])
     raise TypeError(f"rows are not ranked by {statistic}")
 
 
-def judge_pairs(means: Floats, p_values: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def judge_pairs(
+    means: intervals.Floats, p_values: intervals.Floats
+) -> tuple[intervals.Floats, NDArray[np.bool_]]:
     """Return the corrected p-values, (N, N), and whether a row is better than another, (N, N).
 
     All pairs of the table are one family, judged together at 5 % (Holm). So A is better than B
@@ -222,7 +217,7 @@ MAX_SEEDS = 1000
 
 
 def seeds_to_decide(
-    found: MeanDifferences, pair: tuple[int, int], seeds: tuple[int, int], level: float
+    found: intervals.MeanDifferences, pair: tuple[int, int], seeds: tuple[int, int], level: float
 ) -> int | None:
     """Return about how many training seeds of each of two rows would show which one is better.
 
@@ -251,7 +246,7 @@ def seeds_to_decide(
     return numbers[place] if place < len(numbers) else None
 
 
-def share_p_values(samples: Sequence[Floats]) -> Floats:
+def share_p_values(samples: Sequence[intervals.Floats]) -> intervals.Floats:
     """Return the p-values of all pairs of success rates, (N, N), 1 on the diagonal.
 
     ``samples``: each row's values of a task, float64 (S, E): training seeds by episodes.
@@ -259,7 +254,7 @@ def share_p_values(samples: Sequence[Floats]) -> Floats:
     loses, as ``compare`` has it. Otherwise ``mean_p_values``.
     """
     single = np.array([len(values) == 1 for values in samples], bool)
-    p_values = np.ones((len(samples),) * 2) if single.all() else mean_p_values([samples])
+    p_values = np.ones((len(samples),) * 2) if single.all() else intervals.mean_p_values([samples])
     if single.any():
         won = np.array([values[0] for values in samples if len(values) == 1])
         only_one = np.rint(won @ (1 - won).T).astype(int)

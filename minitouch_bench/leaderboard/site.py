@@ -13,20 +13,13 @@ from minitouch_bench import files
 from minitouch_bench.errors import RunDirectoryError, UsageError, printable
 from minitouch_bench.files import os_errors_as, write_file
 from minitouch_bench.json_io import write_json
-from minitouch_bench.leaderboard import views
+from minitouch_bench.leaderboard import proof, views
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
     TOUCH_METRICS,
     Board,
     BoardRow,
     make_board,
-)
-from minitouch_bench.leaderboard.proof import (
-    MEANINGS,
-    ProofLevel,
-    can_be_run,
-    proof_path,
-    read_proof,
 )
 from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import (
@@ -83,7 +76,7 @@ def build_board(
     for directory in find_submissions(submissions):
         findings.append(validate(directory, trust_proofs=True))
         try:
-            read_proof(proof_path(directory))
+            proof.read_proof(proof.proof_path(directory))
         except RunDirectoryError as error:
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(findings)
@@ -171,8 +164,8 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
         views=shown,
         columns={name: column for name, column in COLUMN_SPECS.items() if column.place == "column"},
         beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
-        levels=list(ProofLevel),
-        meanings=MEANINGS,
+        levels=list(proof.ProofLevel),
+        meanings=proof.MEANINGS,
         modalities=MODALITIES,
         notes=views.notes(),
         tasks=len(suite.tasks),
@@ -203,9 +196,9 @@ def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> s
             for key in RANKED_BY
             if ranks
         ],
-        can_be_run=can_be_run(found.runs),
-        level=list(ProofLevel).index(row.proof),
-        meaning=MEANINGS[row.proof],
+        can_be_run=proof.can_be_run(found.runs),
+        level=list(proof.ProofLevel).index(row.proof),
+        meaning=proof.MEANINGS[row.proof],
         cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
         values=_values(row),
         gaps=_gaps(row) if row.novel_shapes else None,

@@ -29,13 +29,8 @@ from minitouch_bench.leaderboard.submission import (
     read_plain,
     read_submission,
 )
+from minitouch_bench.policies import sources
 from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, FORMATS, NOTES, Isolation
-from minitouch_bench.policies.sources import (
-    directory_digest,
-    fetch_hub_file,
-    parse_hub_address,
-    read_checkpoint,
-)
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
 from minitouch_bench.verification.static_check import (
@@ -180,12 +175,12 @@ def fetch_references(found: SubmissionFindings) -> SubmissionFindings:
     for file in (file for seed in found.submission.seeds for file in seed.checkpoints):
         if file.is_reference:
             try:
-                path, _ = fetch_hub_file(parse_hub_address(file.path))
+                path, _ = sources.fetch_hub_file(sources.parse_hub_address(file.path))
             except MiniTouchError as caught:
                 error = IncompleteCheckError(str(caught))
                 continue
             with problems.caught(file.path):
-                check_content(file, read_checkpoint(path), problems)
+                check_content(file, sources.read_checkpoint(path), problems)
     return replace(found, problems=(*found.problems, *problems), error=found.error or error)
 
 
@@ -231,7 +226,7 @@ def _check_policy(
     if policy.notes != NOTES.get(policy.kind, ()):
         problems.add(path, f"a {policy.kind} policy lacks its label, or has another's", AS_WRITTEN)
     if policy.kind == DIRECTORY:
-        digest = directory_digest((file.file, file.sha256) for file in files)
+        digest = sources.directory_digest((file.file, file.sha256) for file in files)
     elif len(files) == 1 and files[0].task == ALL_TASKS:
         digest = files[0].sha256
     else:

@@ -9,23 +9,9 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import Episode
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.reporting import charts, labels
-from minitouch_bench.reporting.charts import (
-    Chart,
-    Figure,
-    LegendItem,
-    Line,
-    Mark,
-    Plot,
-    series_tone,
-)
+from minitouch_bench.reporting import charts, labels, report_tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
 from minitouch_bench.reporting.pages import Ending, ending_of
-from minitouch_bench.reporting.report_tables import (
-    find_estimate,
-    find_generalization,
-    task_summary,
-)
 from minitouch_bench.runs.actions import ForceCurves, ForceStep
 from minitouch_bench.runs.run import Run
 
@@ -47,7 +33,7 @@ FREE_AIR = 1.0
 
 def report_figures(
     sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
-) -> tuple[Figure, ...]:
+) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them.
 
     ``forces``: what is known of each run's forces.
@@ -55,21 +41,21 @@ def report_figures(
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
     rows = chain(*(section.run.rows for section in sections))
     figures = (
-        Figure(
+        charts.Figure(
             "against-the-paper",
             "Against the paper",
             "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
             "other episodes and object sets.",
             tuple(_estimate_plot(task, sections) for task in tasks),
         ),
-        Figure(
+        charts.Figure(
             "episode-steps",
             "How long episodes last",
             "Share of a run's episodes by number of control steps, and by how they ended.",
             tuple(_outcome_plot(task, sections) for task in goals),
             ending_legend(ending_of(row) for row in rows if row.task in goals),
         ),
-        Figure(
+        charts.Figure(
             "touch-over-time",
             "Touch over time",
             "Mean ticks in contact at each control step, over the episodes that reached it; "
@@ -82,13 +68,15 @@ def report_figures(
     return (*drawn, _force_figure(sections, tasks, forces))
 
 
-def ending_legend(endings: Iterable[Ending]) -> tuple[LegendItem, ...]:
+def ending_legend(endings: Iterable[Ending]) -> tuple[charts.LegendItem, ...]:
     """Name the colors of the endings that occur."""
     found = set(endings)
-    return tuple(LegendItem(e.value, e.tone, title=e.meaning) for e in Ending if e in found)
+    return tuple(charts.LegendItem(e.value, e.tone, title=e.meaning) for e in Ending if e in found)
 
 
-def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Figure, ...]:
+def split_figures(
+    sections: Sequence[RunSection], tasks: Sequence[str]
+) -> tuple[charts.Figure, ...]:
     """Return held-out beside train shapes, as in the paper's Figure 11."""
     compared = {
         result.task for section in sections for result in section.run.summary.generalization
@@ -97,8 +85,8 @@ def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple
     if not tasks:
         return ()
     legend = (
-        LegendItem("held-out shapes", "muted", "circle"),
-        LegendItem("train shapes", "muted", "circle", is_hollow=True),
+        charts.LegendItem("held-out shapes", "muted", "circle"),
+        charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
         *_run_legend(sections),
     )
     pairs = [
@@ -110,7 +98,7 @@ def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple
         )
     ]
     return (
-        Figure(
+        charts.Figure(
             "held-out-beside-train",
             "Held-out beside train shapes",
             "Each with its 95 % interval, in the manner of the paper's Figure 11.",
@@ -120,9 +108,11 @@ def split_figures(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple
     )
 
 
-def _run_legend(sections: Sequence[RunSection]) -> tuple[LegendItem, ...]:
+def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]:
     """Name the runs by their colors; none is needed for a single run."""
-    items = (LegendItem(section.name, series_tone(i)) for i, section in enumerate(sections))
+    items = (
+        charts.LegendItem(section.name, charts.series_tone(i)) for i, section in enumerate(sections)
+    )
     return tuple(items) if len(sections) > 1 else ()
 
 
@@ -138,15 +128,15 @@ def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis
     return charts.value_axis(label, max(values))
 
 
-def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
     metric, title = ranking_metric(task), task_title(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
     paper = [(method, v.number) for method, v in printed if v and v.number is not None]
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
-        if estimate := find_estimate(section.run, task, metric):
+        if estimate := report_tables.find_estimate(section.run, task, metric):
             marks += charts.estimate_marks(row, row, estimate)
             highest.append(estimate.high)
     for row, (_, value) in enumerate(paper, start=len(sections)):
@@ -154,11 +144,11 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> Plot:
         highest.append(value)
     rows = charts.name_axis(_names(sections), [method for method, _ in paper])
     x = _metric_axis(task, metric, highest)
-    chart = Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
-    return Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
+    chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
+    return charts.Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
 
 
-def _outcome_plot(task: str, sections: Sequence[RunSection]) -> Plot:
+def _outcome_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw how long a task's episodes last, a panel per run, colored by how they ended."""
     panels = {}
     for name, section in zip(_names(sections), sections, strict=True):
@@ -175,7 +165,7 @@ def steps_by_ending(episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64]]
     }
 
 
-def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> Plot:
+def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> charts.Plot:
     """Draw the share of a task's episodes by control steps.
 
     ``panels``: by title, the steps of the episodes by tone, which are stacked. What is beyond the
@@ -191,11 +181,11 @@ def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]])
     highest = max(float(stack[-1].max()) for stack in tops.values())
     x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
     drawn = tuple(
-        Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
+        charts.Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
         for title, stack in tops.items()
     )
     what = f"{task_title(task)}: distribution of episode steps by ending"
-    return Plot(task_title(task), what, drawn)
+    return charts.Plot(task_title(task), what, drawn)
 
 
 def _bars(
@@ -208,27 +198,27 @@ def _bars(
         yield charts.Bar(left + 0.6, left + BIN - 0.6, bottom, top, tones[row])
 
 
-def touch_plot(task: str, runs: Sequence[Run]) -> Plot:
+def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
     """Draw the mean contact ticks at each control step, a line per run.
 
     A line is faint where less than FEW of the episodes reached the step.
     """
-    summaries = [task_summary(run, task) for run in runs]
+    summaries = [report_tables.task_summary(run, task) for run in runs]
     curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in summaries]
     highest = max((value for curve, _ in curves for value in curve), default=0.0)
     longest = max(1, *(len(curve) for curve, _ in curves))
     marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
     y = charts.value_axis("Ticks per step", highest)
-    chart = Chart(charts.value_axis("Control steps", longest), y, marks, 112)
+    chart = charts.Chart(charts.value_axis("Control steps", longest), y, marks, 112)
     what = f"{task_title(task)}: mean contact ticks at each control step"
-    return Plot(task_title(task), what, (chart,))
+    return charts.Plot(task_title(task), what, (chart,))
 
 
-def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[Line]:
-    points, tone = tuple(enumerate(curve)), series_tone(index)
+def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[charts.Line]:
+    points, tone = tuple(enumerate(curve)), charts.series_tone(index)
     least = FEW * reached[0] if reached else 0.0
     for part, is_faint in _parts(reached or (1,) * len(curve), least):
-        yield Line(points[part], tone, *((1.1, 0.35) if is_faint else (1.4,)))
+        yield charts.Line(points[part], tone, *((1.1, 0.35) if is_faint else (1.4,)))
 
 
 def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
@@ -242,7 +232,7 @@ def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]
 
 def _force_figure(
     sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
-) -> Figure:
+) -> charts.Figure:
     """Return the forces of the runs that have any, and say how to get those that are missing."""
     clipped = [f"{PROTOCOL.task(task).force_limit:g} N in {task_title(task)}" for task in tasks]
     text = (
@@ -262,13 +252,13 @@ def _force_figure(
         if any(curves.get(task) for curves in forces)
     )
     legend = _run_legend(sections) if plots else ()
-    return Figure("forces", "What the fingers felt", text, plots, legend)
+    return charts.Figure("forces", "What the fingers felt", text, plots, legend)
 
 
-def _force_plot(task: str, curves: Sequence[Sequence[ForceStep]]) -> Plot:
+def _force_plot(task: str, curves: Sequence[Sequence[ForceStep]]) -> charts.Plot:
     """Draw the median force at each control step and the middle half around it, by run."""
-    marks: list[Mark] = []
-    for tone, steps in zip(map(series_tone, range(len(curves))), curves, strict=True):
+    marks: list[charts.Mark] = []
+    for tone, steps in zip(map(charts.series_tone, range(len(curves))), curves, strict=True):
         low, middle, high = (
             tuple(enumerate(getattr(step, name) for step in steps))
             for name in ("lower_quartile", "median", "upper_quartile")
@@ -277,19 +267,21 @@ def _force_plot(task: str, curves: Sequence[Sequence[ForceStep]]) -> Plot:
         for part, is_faint in _parts(reached, max(FEWEST, FEW * max(reached, default=0))):
             band = (*low[part], *reversed(high[part]))
             marks.append(charts.Band(band, tone, 0.12 if is_faint else 0.25))
-            marks.append(Line(middle[part], tone, *((1.1, 0.35) if is_faint else (1.4,))))
+            marks.append(charts.Line(middle[part], tone, *((1.1, 0.35) if is_faint else (1.4,))))
     y = charts.value_axis("Force, N", max(step.upper_quartile for one in curves for step in one))
     x = charts.value_axis("Control steps", max(map(len, curves)))
-    chart = Chart(x, y, tuple(marks), 112)
-    return Plot(task_title(task), f"{task_title(task)}: force at each control step", (chart,))
+    chart = charts.Chart(x, y, tuple(marks), 112)
+    return charts.Plot(
+        task_title(task), f"{task_title(task)}: force at each control step", (chart,)
+    )
 
 
-def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
+def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
-        result = find_generalization(section.run, task)
+        result = report_tables.find_generalization(section.run, task)
         if gap := result.gaps.get(metric) if result else None:
             marks += charts.estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
             marks += charts.estimate_marks(
@@ -298,5 +290,5 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> Plot:
             highest += [gap.held_out.high, gap.train.high]
     label, title = METRICS[metric].label, task_title(task)
     rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
-    chart = Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
-    return Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
+    chart = charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
+    return charts.Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))

@@ -19,20 +19,9 @@ from minitouch_bench import files
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
-from minitouch_bench.reporting import labels, report_tables, tables
+from minitouch_bench.reporting import labels, pages, report_tables, tables
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.pages import (
-    TEMPLATES,
-    BrowsedRun,
-    Card,
-    browser_data,
-    find_viewers,
-    image_uri,
-    make_card,
-    relative_address,
-    render_page,
-)
 from minitouch_bench.reporting.tables import Block, Table
 from minitouch_bench.runs.actions import ForceCurves, read_forces
 from minitouch_bench.runs.run import Run
@@ -105,18 +94,18 @@ def build_report(
         table4=report_tables.table4(sections, tasks, metrics),
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
-        episodes=browser_data([_browsed(section, directory) for section in sections], tasks),
+        episodes=pages.browser_data([_browsed(section, directory) for section in sections], tasks),
         forces=tuple(_forces(run) if directory else {} for run in runs),
         videos=tuple(videos),
     )
 
 
-def _browsed(section: labels.RunSection, page: Path | None) -> BrowsedRun:
+def _browsed(section: labels.RunSection, page: Path | None) -> pages.BrowsedRun:
     run, there = section.run, section.run.directory
     if page is None or there is None:
-        return BrowsedRun(section.name, run, "RUN")
-    viewers = find_viewers(run, view_directory(there) / files.REPLAYS, page)
-    return BrowsedRun(section.name, run, "RUN", relative_address(there, page), viewers)
+        return pages.BrowsedRun(section.name, run, "RUN")
+    viewers = pages.find_viewers(run, view_directory(there) / files.REPLAYS, page)
+    return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), viewers)
 
 
 def _forces(run: Run) -> ForceCurves:
@@ -163,7 +152,7 @@ def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
     return tuple(
         Video(
             caption=printable(file.stem.replace("_", " ")),
-            address=relative_address(file, directory),
+            address=pages.relative_address(file, directory),
         )
         for file in sorted(videos)
     )
@@ -171,8 +160,8 @@ def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
 
 def to_html(report: Report) -> str:
     """Write a report as one self-contained page that opens offline."""
-    return render_page(
-        TEMPLATES / "report.html.j2",
+    return pages.render_page(
+        pages.TEMPLATES / "report.html.j2",
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
@@ -182,13 +171,13 @@ def to_html(report: Report) -> str:
     )
 
 
-def report_card(report: Report, task: str) -> Card:
+def report_card(report: Report, task: str) -> pages.Card:
     """Compose the card of a task."""
     runs = []
     for section in report.sections:
         summary = report_tables.task_summary(section.run, task)
         runs.append((section.name, summary.estimates if summary else {}))
-    return make_card(task, runs, image_uri(task))
+    return pages.make_card(task, runs, pages.image_uri(task))
 
 
 def view_directory(run: Path) -> Path:
