@@ -12,7 +12,7 @@ from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChang
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
-from minitouch_bench.metrics.statistics import ALPHA, holm
+from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
 from minitouch_bench.metrics.summary import frame_html
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
@@ -194,7 +194,7 @@ def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.B
         yield from comparison_tables(pair)
         yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
-    yield from map(tables.NoteBlock, comparison_notes(comparison))
+    yield from map(tables.NoteBlock, comparison_notes())
 
 
 def _blocks_html(blocks: Iterator[tables.Block]) -> str:
@@ -237,22 +237,23 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     return tuple(gate_report.tables_by_metric(columns, cells))
 
 
-def comparison_notes(comparison: Comparison) -> tuple[str, ...]:
+def comparison_notes() -> tuple[str, ...]:
     """Say how the figures of a comparison were made."""
-    percent = f"{100 * comparison.alpha:g} %"
     paired = "; ".join(
         dict.fromkeys(METRICS[name].statistic.paired for name in pairing.COMPARED_METRICS)
     )
     return (
         "Brackets and p: of this row alone. 95 % interval of the paired difference and its test: "
-        f"{paired}; episode variance only. Where p is above 5 % the interval contains 0. "
-        "It is too narrow for a mean of which few episodes differ or a few carry the difference.",
+        f"{paired}; episode variance only. Where p is above {ALPHA_IN_WORDS} the interval "
+        "contains 0. It is too narrow for a mean of which few episodes differ or a few carry the "
+        "difference.",
         "p adjusted and verdict: over all rows of the metric (its tasks and runs) by Holm's "
-        f"method, judged at {percent}. Not clear once adjusted: the row alone would show a "
+        f"method, judged at {ALPHA_IN_WORDS}. Not clear once adjusted: the row alone would show a "
         "difference, among so many rows it may be chance.",
         "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
         "arrow has no better direction.",
-        "Episodes to resolve: for a power of 80 % at 5 %, if the difference is as observed.",
+        f"Episodes to resolve: about so many, for a power of {100 * POWER:g} % at "
+        f"{ALPHA_IN_WORDS}, if the difference is as observed.",
     )
 
 

@@ -256,15 +256,12 @@ def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
             f"the rules of {printable(', '.join(other))} are not those that '{name}' was played "
             f"by: {again}"
         )
-    for what, here, there in (
-        ("protocol digest", candidate.protocol_digest[:12], header.protocol_digest[:12]),
-        ("conditions", *map(_conditions, (candidate, header))),
-    ):
-        if here != there:
-            raise UsageError(
-                f"the candidate's {what} and that of '{name}' differ "
-                f"({printable(here)}; {printable(there)}): {again}"
-            )
+    here, there = _conditions(candidate), _conditions(header)
+    if here != there:
+        raise UsageError(
+            f"the candidate's conditions and those of '{name}' differ "
+            f"({printable(here)}; {printable(there)}): {again}"
+        )
 
 
 def _conditions(header: RunHeader) -> str:

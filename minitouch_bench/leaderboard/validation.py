@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from minitouch_bench.episode import Episode, PolicyIdentity, Role
 from minitouch_bench.errors import IncompleteCheckError, MiniTouchError, UnreadableFileError
-from minitouch_bench.files import RUN_FILE, SUBMISSION_FILE, list_videos
+from minitouch_bench.files import ACTIONS_FILE, RUN_FILE, SUBMISSION_FILE, list_videos
 from minitouch_bench.leaderboard.proof import Proof, ProofLevel, find_proof, level_of
 from minitouch_bench.leaderboard.submission import (
     ALL_TASKS,
@@ -139,12 +139,13 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
                 runs[folder] = parse_run(run_json, folder, directory / folder)
     proved: dict[str, str] = {}
     with suppress(UnreadableFileError):
-        digests = {
-            f"{folder}/{name}": digest
-            for folder, run in runs.items()
-            for name, digest in run.file_digests().items()
-        }
-        proved = {SUBMISSION_FILE: hashlib.sha256(content).hexdigest(), **digests, **videos}
+        contents = {SUBMISSION_FILE: content}
+        for folder, one in runs.items():
+            contents[f"{folder}/{RUN_FILE}"] = one.content
+            contents[f"{folder}/{ACTIONS_FILE}"] = one.actions_content
+        proved = {
+            path: hashlib.sha256(data).hexdigest() for path, data in contents.items()
+        } | videos
     proof = find_proof(directory, proved)
     recompute = not (trust_proofs and proof)
     for seed in submission.seeds:

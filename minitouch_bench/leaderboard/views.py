@@ -25,7 +25,7 @@ from minitouch_bench.metrics.definitions import (
     intervals_in_words,
     metrics_shown_in,
 )
-from minitouch_bench.metrics.statistics import ALPHA
+from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
@@ -256,8 +256,8 @@ def notes() -> tuple[str, ...]:
     return (
         "A rank is 1 + the number of rows that are significantly better; its range ends before "
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
-        "at 5 % (Holm). A row of several training seeds is compared as a method, a row of one as "
-        "a checkpoint. Where a method fails in some seeds, the tests err more often than 5 %.",
+        f"at {ALPHA_IN_WORDS} (Holm). A row of several training seeds is compared as a method, a "
+        "row of one as a checkpoint. Where a method fails in some seeds, the tests err more often.",
         "p is corrected for all pairs of the table. With the number of training seeds per row that "
         "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "

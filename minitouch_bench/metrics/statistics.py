@@ -233,6 +233,8 @@ SHARE, MEAN = Share(), Mean()
 ALPHA: Final = 0.05
 """A p-value up to this is significant."""
 
+ALPHA_IN_WORDS: Final = f"{100 * ALPHA:g} %"
+
 POWER: Final = 0.8
 """A difference is called detectable if so large a share of equal experiments would show it."""
 

@@ -300,11 +300,10 @@ def reproduce_command(header: RunHeader) -> str:
     words = ["minitouch-bench", "evaluate", header.policy.source, *header.plan.as_options()]
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
-    return shlex.join(printable(word) for word in [*words, *_isolation_options(header)])
-
-
-def _isolation_options(header: RunHeader) -> list[str]:
     kinds = {policy.kind for policy in header.policies()}
     is_chosen = header.isolation != "sandbox" and not kinds & set(NOT_IN_SANDBOX)
-    words = ["--isolation", header.isolation] if is_chosen else []
-    return [*words, "--trust"] if is_chosen or "factory" in kinds else words
+    if is_chosen:
+        words += ["--isolation", header.isolation]
+    if is_chosen or "factory" in kinds:
+        words.append("--trust")
+    return shlex.join(map(printable, words))

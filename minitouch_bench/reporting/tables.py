@@ -94,7 +94,7 @@ class Table:
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
         """The blocks of columns in order, each with its number of columns."""
-        return column_groups(self.columns)
+        return tuple(Counter(column.group for column in self.columns).items())
 
     def block(self, group: str) -> "Table":
         """Return one block of columns, without the rows that have no value in it."""
@@ -103,11 +103,6 @@ class Table:
         filled = (row for row in rows if any(cell.text != ABSENT for cell in row.cells))
         columns = tuple(compress(self.columns, kept))
         return replace(self, title=group, columns=columns, rows=tuple(filled))
-
-
-def column_groups(columns: tuple[Column, ...]) -> tuple[tuple[str, int], ...]:
-    """Return the blocks of columns in order, each with its number of columns."""
-    return tuple(Counter(column.group for column in columns).items())
 
 
 def make_columns(*labels: str, words: Sequence[str] = ()) -> tuple[Column, ...]:
@@ -299,9 +294,8 @@ def table_latex(table: Table, caption: str) -> str:
     """Write a table as a float, its blocks below each other so that it fits a page.
 
     The blocks must have the same columns. Intervals and units are printed on a line of small print.
-    Rows and blocks in which the paper alone has values are left out.
     """
-    blocks = [block for group, _ in table.groups if (block := _own_rows(table.block(group))).rows]
+    blocks = [table.block(group) for group, _ in table.groups]
     columns = blocks[0].columns if blocks else ()
     width = len(table.corner) + len(columns)
     names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
@@ -328,13 +322,6 @@ def table_latex(table: Table, caption: str) -> str:
     lines += [r"    \bottomrule", r"  \end{tabular}}"]
     lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
     return "\n".join([*lines, r"\end{table}", ""])
-
-
-def _own_rows(block: Table) -> Table:
-    """Return a block with the rows that have a value which is not the paper's."""
-    is_own = [not column.is_paper for column in block.columns]
-    rows = (row for row in block.rows if any(c.text != ABSENT for c in compress(row.cells, is_own)))
-    return replace(block, rows=tuple(rows))
 
 
 def _latex_cell(cell: Cell) -> str:

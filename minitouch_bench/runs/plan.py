@@ -17,7 +17,6 @@ from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
     PROTOCOL,
-    SUITE_NAMES,
     USUAL_LIMITS,
     PolicyLimits,
     episode_seed,
@@ -185,29 +184,19 @@ class Plan:
             words += ["--objects", self.objects.source or self.objects.name]
         return (*words, *self.conditions.as_options(), *self.limits.as_options())
 
-    def mistake(self) -> tuple[str, str]:
-        """Return the first field that no plan of this protocol can have, and why; or two ""."""
-        if self.suite not in SUITE_NAMES:
-            return "suite", f"there is no suite '{self.suite}'"
-        suite = PROTOCOL.suite(self.suite)
-        if not self.tasks or tuple(t for t in suite.tasks if t in self.tasks) != self.tasks:
-            return "tasks", f"they are not tasks of {suite.name} in its order"
-        if not 0 < self.episodes <= MAX_EPISODES:
-            return "episodes", f"a run has 1 to {MAX_EPISODES} per task"
-        if self.chosen and not self._chooses(replace(suite, episodes_per_task=self.episodes)):
-            return "chosen", f"they are not episodes of {suite.name} in its order"
-        if self.objects and (mistake := self.objects.mistake(self.tasks)):
-            return "objects", mistake
-        return "", ""
-
-    def _chooses(self, suite: SuiteSpec) -> bool:
-        """Tell whether the chosen are episodes of every task of the plan, each once, in order."""
+    def mistake(self) -> str:
+        """Return why nobody can have asked for this plan, "" if somebody can."""
+        tasks, episodes = (None, None) if self.chosen else (self.tasks, self.episodes)
         try:
-            return choose_episodes(self.chosen, suite) == self.chosen and (
-                choose_tasks(_tasks_of(self.chosen), suite) == self.tasks
-            )
-        except UsageError:
-            return False
+            made = make_plan(
+                self.suite, tasks, episodes, self.seed, self.chosen,
+                conditions=self.conditions, limits=self.limits,
+            )  # fmt: skip
+        except UsageError as error:
+            return str(error)
+        if replace(made, objects=self.objects) != self:
+            return "its tasks or episodes are not those of the suite, in its order"
+        return self.objects.mistake(self.tasks) if self.objects else ""
 
 
 def suite_episodes(

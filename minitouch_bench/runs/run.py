@@ -267,11 +267,6 @@ class Run:
             raise UnreadableFileError(f"{self.name} is kept in memory: it has no {name}")
         return self.directory / name
 
-    def file_digests(self) -> dict[str, str]:
-        """Return the SHA-256 of the bytes that were read, by file name."""
-        contents = {files.RUN_FILE: self.content, files.ACTIONS_FILE: self.actions_content}
-        return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
-
     def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, Episode]]:
         """Walk through the episodes of the plan with the row of each."""
         return zip(self.header.specs(), (*self.rows, *self.exploration_rows), strict=True)
@@ -288,10 +283,6 @@ class Run:
         specs, chosen = self.header.specs(), self.plan.chosen
         names = first_of(chosen, NAMED) if chosen else f"{specs[0].key} to {specs[-1].key}"
         raise UsageError(f"the run has no episode '{key}'; it has {names}")
-
-    def is_edited(self) -> bool:
-        """Tell whether the digest is not that of the episodes."""
-        return self.digest != run_digest(self.header, self.rows, self.exploration_rows)
 
 
 def make_run(

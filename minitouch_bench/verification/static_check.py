@@ -30,7 +30,7 @@ from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL, SUITE_NAMES
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import NAMED, Run, RunHeader, make_header, run_json
+from minitouch_bench.runs.run import NAMED, Run, RunHeader, make_header, run_digest, run_json
 
 # What a check finds
 
@@ -204,9 +204,8 @@ def _protocol(header: RunHeader) -> Iterator[Problem]:
 
 def _settings(header: RunHeader) -> Iterator[Problem]:
     """Compare what the header says of the run with the suite that it names."""
-    name, mistake = header.plan.mistake()
-    if name:
-        yield Problem(f"header.plan.{name}", mistake, RUN_AGAIN)
+    if mistake := header.plan.mistake():
+        yield Problem("header.plan", mistake, RUN_AGAIN)
         return
     expected = make_header(header.plan, header.policy, header.exploration, header.isolation)
     for difference in compare_values("header", plain(header), plain(expected)):
@@ -300,7 +299,7 @@ def _faults(run: Run) -> Iterator[Problem]:
 
 
 def _digest(run: Run) -> Iterator[Problem]:
-    if run.is_edited():
+    if run.digest != run_digest(run.header, run.rows, run.exploration_rows):
         yield Problem("digest", "it is not that of the episodes", AS_WRITTEN)
     if run.content and run.content != run_json(run):
         yield Problem(RUN_FILE, "a key is there twice or unknown, or it was edited", AS_WRITTEN)

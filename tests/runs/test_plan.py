@@ -159,7 +159,7 @@ def test_shapes_of_this_package_keep_their_split():
     assert [spec.shape for spec in plan.specs()] == ["shape-0003", "shape-0001", "shape-0003"]
     assert {spec.split for spec in plan.specs()} <= {"train", "held-out"}
     assert plan.load_objects() is None
-    assert replace(plan, tasks=("opening",)).mistake()[0] == "objects"
+    assert replace(plan, tasks=("opening",)).mistake() == "opening has no object to choose"
     with pytest.raises(UsageError, match="opening has no object"):
         make_plan("table4", ["opening"], objects="cube")
 
