@@ -102,4 +102,4 @@ def look_up(target: str) -> Any:
     try:
         return attrgetter(attribute)(importlib.import_module(module_name))
     except (ImportError, AttributeError) as error:
-        raise PolicyLoadError(f"'{target}' cannot be imported: {error}") from error
+        raise PolicyLoadError(f"it cannot be imported: {error}") from error
