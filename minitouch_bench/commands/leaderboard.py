@@ -1,7 +1,6 @@
 """``minitouch-bench leaderboard``: check submissions, and build the leaderboard."""
 
 import os
-import stat
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +18,7 @@ from minitouch_bench.errors import (
     printable,
 )
 from minitouch_bench.evaluation.engine import AUTO
-from minitouch_bench.files import REPORTS, SUBMISSIONS, os_errors_as
+from minitouch_bench.files import REPORTS, SUBMISSIONS
 
 app = make_group(help="Check submissions and build the leaderboard.")
 
@@ -29,7 +28,10 @@ app = make_group(help="Check submissions and build the leaderboard.")
 )
 def validate(
     directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR", help="Directories of submissions.")
+        list[Path],
+        typer.Argument(
+            metavar="DIR", exists=True, file_okay=False, help="Directories of submissions."
+        ),
     ],
     *,
     prove: Annotated[
@@ -50,10 +52,6 @@ def validate(
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.leaderboard import proving, validation
 
-    for place in directories:
-        with os_errors_as(UsageError, place, "read"):
-            if not stat.S_ISDIR(os.stat(place).st_mode):
-                raise UsageError(f"{place} is not a directory; give a submission's directory")
     opening = open_engine("local", workers)
     results = []
     for place in directories:
