@@ -21,7 +21,7 @@ from markupsafe import Markup
 
 from minitouch_bench import files
 from minitouch_bench.episode import Episode, Outcome, Role, episode_key
-from minitouch_bench.errors import UnreadableFileError, printable
+from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
@@ -210,14 +210,10 @@ class BrowsedRun:
 
 def find_viewers(run: Run, replays: Path, page: Path) -> dict[str, str]:
     """Return the addresses of a run's viewers for a page in the directory ``page``, by episode."""
-    if not files.is_folder(replays):
-        return {}
-    with files.os_errors_as(UnreadableFileError, replays, "read"):
-        names = set(os.listdir(replays))
-    base = relative_address(replays, page)
+    names = set(os.listdir(replays)) if files.is_folder(replays) else set()
     keys = (episode_key(role, row.task, row.index) for role, rows in run.by_role() for row in rows)
-    found = {key: files.view_name(key, ".html") for key in keys}
-    return {key: f"{base}/{name}" for key, name in found.items() if name in names}
+    found = {key: replays / files.view_name(key, ".html") for key in keys}
+    return {key: relative_address(p, page) for key, p in found.items() if p.name in names}
 
 
 def relative_address(path: Path, page: Path) -> str:
