@@ -7,16 +7,10 @@ from typing import Annotated
 
 import typer
 
+from minitouch_bench import errors
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note, print_problems
 from minitouch_bench.cli.options import Command, make_group
-from minitouch_bench.errors import (
-    CHECK_FAILED,
-    IncompleteCheckError,
-    RunDirectoryError,
-    UsageError,
-    printable,
-)
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, SUBMISSIONS
 
@@ -65,16 +59,18 @@ def validate(
         results.append(found)
         print_problems(found.name, filter(None, (found.error, *found.problems)))
         if found.withdrawn:
-            print(f"{printable(found.name)}: its proof ({found.withdrawn}) is withdrawn")
+            print(f"{errors.printable(found.name)}: its proof ({found.withdrawn}) is withdrawn")
         if found.passed:
-            print(f"{printable(found.name)}: valid, {found.level}")
+            print(f"{errors.printable(found.name)}: valid, {found.level}")
     valid = sum(found.passed for found in results)
     note(f"{valid} of {len(results)} valid")
     if any(not problem.is_unchecked for found in results for problem in found.problems):
-        raise typer.Exit(CHECK_FAILED)
+        raise typer.Exit(errors.CHECK_FAILED)
     if valid < len(results):
-        is_incomplete = any(isinstance(found.error, IncompleteCheckError) for found in results)
-        unchecked = IncompleteCheckError if is_incomplete else RunDirectoryError
+        is_incomplete = any(
+            isinstance(found.error, errors.IncompleteCheckError) for found in results
+        )
+        unchecked = errors.IncompleteCheckError if is_incomplete else errors.RunDirectoryError
         raise typer.Exit(unchecked.exit_code)
 
 
@@ -99,7 +95,7 @@ def build(
     )
     print(output / "index.html")
     if strict and board.refused:
-        raise typer.Exit(CHECK_FAILED)
+        raise typer.Exit(errors.CHECK_FAILED)
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard remove my-policy")
@@ -116,7 +112,7 @@ def remove(
         note(f"{path}{os.sep if path.is_dir() else ''}: {content}")
     if not yes:
         if not sys.stdin.isatty():
-            raise UsageError("nothing is removed without --yes where no terminal can ask")
+            raise errors.UsageError("nothing is removed without --yes where no terminal can ask")
         typer.confirm(f"Remove {name}?", abort=True, err=True)
     remove_submission(submissions, there)
     print(*there, sep="\n")

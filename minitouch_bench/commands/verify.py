@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from minitouch_bench import errors
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
-from minitouch_bench.errors import (
-    CHECK_FAILED,
-    IncompleteCheckError,
-    InterruptedRunError,
-    printable,
-)
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.policies.policy import Isolation, isolation_options
 
@@ -82,13 +77,13 @@ def verify(
                     again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
                     found = replace(again, replayed=found.replayed)
         except KeyboardInterrupt as error:
-            raise InterruptedRunError("interrupted; nothing was changed") from error
+            raise errors.InterruptedRunError("interrupted; nothing was changed") from error
     if as_json:
         print(json.dumps({"passed": found.passed, **asdict(found)}, indent=1))
     else:
         _show(found, run)
     if not found.passed:
-        raise typer.Exit(CHECK_FAILED)
+        raise typer.Exit(errors.CHECK_FAILED)
 
 
 def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
@@ -102,12 +97,12 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
     if recorded is None:
         return None
     if is_remote(recorded.source):
-        raise IncompleteCheckError(
+        raise errors.IncompleteCheckError(
             f"the policy is at {recorded.source}, which is contacted only if you name it.\n"
             f"If you trust that address, give it with {option}"
         )
     if recorded.digest and not Path(recorded.source).exists():
-        raise IncompleteCheckError(
+        raise errors.IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
             f"Say with {option} where it is now"
         )
@@ -128,4 +123,6 @@ def _show(found: "Findings", run: Path) -> None:
         style = "bold green"
     console = data_console()
     for line, look in (*((line, "") for line in lines), (answer, style)):
-        console.print(printable(line), style=look, markup=False, highlight=False, soft_wrap=True)
+        console.print(
+            errors.printable(line), style=look, markup=False, highlight=False, soft_wrap=True
+        )

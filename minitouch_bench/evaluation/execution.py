@@ -13,15 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from minitouch_bench import files
+from minitouch_bench import errors, files
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
-from minitouch_bench.errors import (
-    HopelessRunError,
-    InfrastructureError,
-    InterruptedRunError,
-    RunDirectoryError,
-    UsageError,
-)
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
@@ -80,7 +73,7 @@ def open_run(
         InfrastructureError: the disk is full.
     """
     if resume and fresh:
-        raise UsageError("choose one of --resume and --fresh")
+        raise errors.UsageError("choose one of --resume and --fresh")
     if directory is None:
         return Journal(header)
     if fresh:
@@ -90,7 +83,7 @@ def open_run(
             _check_empty(directory)
         return Journal.begin(header, package_versions(), directory)
     if not resume:
-        raise RunDirectoryError(
+        raise errors.RunDirectoryError(
             f"{directory} already contains a run.\n"
             "Add --resume to continue it, --fresh to replace it, or choose another directory"
         )
@@ -106,7 +99,7 @@ def _check_empty(directory: Path) -> None:
     """Refuse a directory of other files: one of them could be called as one of a run is."""
     if entries := files.entries_of(directory):
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
-        raise RunDirectoryError(
+        raise errors.RunDirectoryError(
             f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
             "Choose another directory; or add --fresh: files called as a run's are then replaced"
         )
@@ -161,7 +154,7 @@ def play_missing(
 def _refuse_hopeless(records: Sequence[PlayedEpisode]) -> None:
     faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
     if len(faults) == len(records):
-        raise HopelessRunError(
+        raise errors.HopelessRunError(
             f"the first {len(records)} episodes are all policy faults: {faults[0]}"
         )
 
@@ -208,12 +201,12 @@ def resumable(directory: Path | None) -> Iterator[None]:
     )
     try:
         yield
-    except HopelessRunError as error:
-        raise HopelessRunError(f"{error}\n{advice}") from error
-    except (InfrastructureError, RunDirectoryError) as error:
-        raise InfrastructureError(f"{error}\n{advice}") from error
+    except errors.HopelessRunError as error:
+        raise errors.HopelessRunError(f"{error}\n{advice}") from error
+    except (errors.InfrastructureError, errors.RunDirectoryError) as error:
+        raise errors.InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
-        raise InterruptedRunError(f"interrupted\n{advice}") from error
+        raise errors.InterruptedRunError(f"interrupted\n{advice}") from error
 
 
 # A dataset
@@ -267,8 +260,8 @@ def record_episodes(
 def _new_directory(directory: Path) -> Iterator[Path]:
     """Give a path beside a new directory; what is written there becomes it when the block ends."""
     if directory.exists():
-        raise RunDirectoryError(f"{directory} is there already; choose another --output")
-    with files.os_errors_as(RunDirectoryError, directory, "written"):
+        raise errors.RunDirectoryError(f"{directory} is there already; choose another --output")
+    with files.os_errors_as(errors.RunDirectoryError, directory, "written"):
         directory.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
             # Minari joins a relative path to itself.

@@ -8,13 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench import errors
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
-from minitouch_bench.errors import (
-    InfrastructureError,
-    PolicyFaultError,
-    PolicyLoadError,
-    PolicyTimeoutError,
-)
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.policy import Observation, Policy, close_policy
 from minitouch_bench.processes import run_in_workers
@@ -116,10 +111,10 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
             infos.append(info)
             rewards.append(reward)
             outcome = OUTCOMES[info["outcome"]]
-    except (PolicyFaultError, PolicyLoadError) as error:
+    except (errors.PolicyFaultError, errors.PolicyLoadError) as error:
         outcome, fault = Outcome.POLICY_FAULT, str(error)
         # A timeout while loading is the cause of the error that is raised.
-        is_late = isinstance(error.__cause__ or error, PolicyTimeoutError)
+        is_late = isinstance(error.__cause__ or error, errors.PolicyTimeoutError)
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
     return PlayedEpisode(spec, outcome, trace, fault, is_late)
 
@@ -176,7 +171,7 @@ def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
     """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
     try:
         return runner.run(spec)
-    except InfrastructureError:
+    except errors.InfrastructureError:
         raise
     except Exception as error:
-        raise InfrastructureError(f"{type(error).__name__}: {error}") from error
+        raise errors.InfrastructureError(f"{type(error).__name__}: {error}") from error

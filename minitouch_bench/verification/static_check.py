@@ -14,14 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, Role, episode_key
-from minitouch_bench.errors import (
-    PolicyError,
-    RunDirectoryError,
-    UnreadableFileError,
-    UsageError,
-    printable,
-)
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
@@ -110,14 +104,14 @@ class Problems:
         """Keep what the block's errors say of files and policies, and go on; other errors pass."""
         try:
             yield
-        except UnreadableFileError as error:
+        except errors.UnreadableFileError as error:
             self.add(place, str(error), unchecked=True)
-        except (UsageError, PolicyError, RunDirectoryError) as error:
+        except (errors.UsageError, errors.PolicyError, errors.RunDirectoryError) as error:
             self.add(place, str(error).replace("\n", " "), remedy)
 
 
 def _shown(text: str, longest: int = SHOWN_CHARACTERS) -> str:
-    plain = printable(text)
+    plain = errors.printable(text)
     return plain if len(plain) <= longest else f"{plain[:longest]}…"
 
 
@@ -378,8 +372,8 @@ def refuse_edited(run: Run) -> Run:
     has_actions = (run.directory / ACTIONS_FILE).exists()
     for problem in check_run(replace(run, content=b""), unpack_actions=has_actions):
         if problem.is_other_protocol:
-            raise UsageError(f"{run.directory}: {problem.what}: make the run again")
-        raise RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
+            raise errors.UsageError(f"{run.directory}: {problem.what}: make the run again")
+        raise errors.RunDirectoryError(f"{run.directory} was edited or damaged.\n{problem}")
     return run
 
 
@@ -391,4 +385,4 @@ def refuse_unplayable(run: Run) -> None:
         RunDirectoryError: its actions are missing or damaged.
     """
     for problem in check_plan(run):
-        raise UsageError(f"{run.directory or run.name} cannot be replayed.\n{problem}")
+        raise errors.UsageError(f"{run.directory or run.name} cannot be replayed.\n{problem}")
