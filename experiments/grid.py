@@ -6,6 +6,7 @@ CSV files of the experiment, from which ``experiments.analysis`` makes tables an
 """
 
 import argparse
+import hashlib
 import os
 import sys
 import tomllib
@@ -27,13 +28,16 @@ KEY = ["task", "method", "training_seed", "exploration_steps"]
 FILES = ("episodes", "estimates", "curves", "trainings")
 """The CSV files of an experiment; a cell is finished once it is in the last one."""
 
-SAME_IN_ALL = ("preset", "settings", "task_steps", "episodes")
+SAME_IN_ALL = ("arms", "preset", "settings", "task_steps", "episodes")
 """What may not change between two starts, because unlike trainings would be mixed."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One training of a grid; its fields are ``KEY``."""
+    """One training of a grid; its fields are ``KEY``.
+
+    ``method``: a method, or the name of an arm of the design.
+    """
 
     task: str
     method: str
@@ -47,9 +51,18 @@ class Cell:
 
 
 def read_design(file: Path) -> dict[str, Any]:
-    """Read the TOML file that describes a grid: see README.md."""
-    with file.open("rb") as opened:
-        return tomllib.load(opened)
+    """Read the TOML file that describes a grid (see README.md), and add its SHA-256: ``digest``."""
+    content = file.read_bytes()
+    return {**tomllib.loads(content.decode()), "digest": hashlib.sha256(content).hexdigest()}
+
+
+def check_lock(design: Mapping[str, Any], directory: Path) -> None:
+    """Exit where a locked design is not the one that its finished trainings were made with."""
+    file = directory / "trainings.csv"
+    if design.get("locked") and file.exists():
+        made_with = {*pd.read_csv(file)["design"]} - {design["digest"]}
+        if made_with:
+            sys.exit(f"the design was changed after it was locked: {file} names {made_with.pop()}")
 
 
 def in_task(design: Mapping[str, Any], task: str) -> dict[str, Any]:
@@ -87,14 +100,16 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     """Train and evaluate what is missing of a cell; return its rows of each CSV file."""
     place = output / cell.name
     final, explored = place / "final.safetensors", place / "exploration.safetensors"
+    arm = {"method": cell.method, "without": [], **design.get("arms", {}).get(cell.method, {})}
     if not final.exists():
         task_steps = (
             None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
         )
         mt.train(
-            cell.task, cell.method, seed=cell.training_seed,
+            cell.task, arm["method"], seed=cell.training_seed, without=arm["without"],
             exploration_steps=cell.exploration_steps, task_steps=task_steps,
-            preset=design.get("preset", "default"), settings=design.get("settings", {}),
+            preset=design.get("preset", "default"),
+            settings={**design.get("settings", {}), "design": design["digest"]},
             output=place, resume=True,
         )  # fmt: skip
     runs = []
@@ -106,10 +121,12 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
             output=place / name, **options,
         )  # fmt: skip
         runs.append(run)
-    return rows_of(cell, runs, place)
+    return rows_of(cell, runs, place, design)
 
 
-def rows_of(cell: Cell, runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
+def rows_of(
+    cell: Cell, runs: list[mt.Run], place: Path, design: Mapping[str, Any]
+) -> dict[str, pd.DataFrame]:
     """Return a cell's rows of each CSV file."""
     progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
     main = runs[0].header
@@ -119,6 +136,7 @@ def rows_of(cell: Cell, runs: list[mt.Run], place: Path) -> dict[str, pd.DataFra
         "final_policy": main.policy.digest,
         "exploration_policy": main.exploration.digest if main.exploration else "",
         "run_digests": " ".join(run.digest for run in runs),
+        "design": design["digest"],
     }
     rows = {
         "episodes": pd.concat([_episodes(run) for run in runs]),
@@ -194,6 +212,7 @@ def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, st
     """Finish the cells that are left; return why a cell failed, by cell."""
     design = read_design(design_file)
     output.mkdir(parents=True, exist_ok=True)
+    check_lock(design, output)
     kept = output / "design.toml"
     if kept.exists():
         before = read_design(kept)

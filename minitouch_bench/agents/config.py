@@ -154,6 +154,7 @@ class TrainingConfig:
     curiosity has every sense that its method needs.
     ``dataset``: a recorded one, on which exploration makes its gradient steps without acting.
     ``sac`` acts, with the dataset in its replay memory.
+    ``design``: SHA-256 of the design of the study that the training is part of; it changes nothing.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts.
     ``replay_size``: observations in the replay memory; the oldest are removed.
@@ -169,6 +170,7 @@ class TrainingConfig:
     objects: str = ""
     without: tuple[str, ...] = ()
     dataset: str = ""
+    design: str = ""
     episode_steps: int = 50
     random_steps: int = 1000
     replay_size: int = 1_000_000

@@ -1,0 +1,98 @@
+"""The analysis of the study of touch, on values of which the answer is known."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.grid import check_lock, read_design
+from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_number
+
+RNG = np.random.default_rng(5)
+CLAIMS = [
+    {"better": "hac", "worse": "rnd", "measure": {"pushing": "success", "pick-up": "success"}},
+    {"better": "rnd", "worse": "sac", "measure": {"pushing": "success", "pick-up": "success"}},
+]
+
+
+def test_the_p_value_is_that_of_every_division_of_the_seeds():
+    better, worse = ([RNG.integers(0, 20, 3) / 100 for _ in range(2)] for _ in range(2))
+    every = [
+        [sum(part) for part in combinations([*one, *other], 3)]
+        for one, other in zip(better, worse, strict=True)
+    ]
+    sums = [sum(pair) for pair in product(*every)]
+    seen = sum(float(one.sum()) for one in better)
+    assert stratified_p(better, worse) == pytest.approx(np.mean([s >= seen - 1e-9 for s in sums]))
+
+
+def test_equal_arms_have_a_p_value_of_1_and_separate_ones_the_least():
+    same = [np.full(8, 0.5)]
+    assert stratified_p(same, same) == pytest.approx(1.0)
+    apart = [np.linspace(0.6, 0.9, 8)], [np.linspace(0.1, 0.4, 8)]
+    assert stratified_p(*apart) == pytest.approx(1 / 12870)
+
+
+def known(**means):
+    return {
+        (arm, task, "success"): np.clip(mean + RNG.normal(0, 0.05, 8), 0, 1).round(2)
+        for arm, mean in means.items()
+        for task in ("pushing", "pick-up")
+    }
+
+
+def test_single_tasks_are_decided_only_inside_a_decided_claim():
+    judged = judge_pooled(CLAIMS, known(hac=0.8, rnd=0.4, sac=0.4)).set_index(["claim", "task"])
+    assert {*judged.loc[0, "verdict"]} == {"confirmed"}
+    assert {*judged.loc[1, "verdict"]} == {"not decided"}
+    values = known(hac=0.4, rnd=0.8, sac=0.8)
+    values["rnd", "pushing", "success"] = values["hac", "pushing", "success"]
+    judged = judge_pooled(CLAIMS[:1], values).set_index("task")["verdict"]
+    assert judged.to_dict() == {
+        "": "contradicted",
+        "pushing": "not decided",
+        "pick-up": "contradicted",
+    }
+
+
+def test_the_detectable_difference_is_found_by_the_exact_test():
+    spread = [RNG.normal(0.5, 0.1, 8)], [RNG.normal(0.5, 0.1, 8)]
+    shift = detectable(*spread, 0.01)
+    deviation = np.sqrt(np.mean([one[0].var(ddof=1) for one in spread]))
+    found = [
+        stratified_p(
+            [RNG.normal(0.5 + shift, deviation, 8)], [RNG.normal(0.5, deviation, 8)]
+        ) <= 0.01
+        for _ in range(200)
+    ]  # fmt: skip
+    assert np.mean(found) == pytest.approx(0.8, abs=0.1)
+
+
+def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
+    means = {"hac": 0.9, "hac-no-forces": 0.7, "rnd": 0.4, "rnd-no-forces": 0.3}
+    values = {
+        (arm, "pushing", "success"): mean + np.linspace(-0.07, 0.07, 8)
+        for arm, mean in means.items()
+    }
+    parts = touch_number(values, "pushing", "success")
+    assert [parts[name][0] for name in ("all", "exploring", "acting")] == pytest.approx(
+        [0.6, 0.45, 0.15]
+    )
+    _, low, high = parts["all"]  # Student's t with 14 degrees of freedom
+    deviation = np.linspace(-0.07, 0.07, 8).std(ddof=1)
+    assert high - low == pytest.approx(2 * 2.1448 * deviation * (2 / 8) ** 0.5, rel=1e-3)
+
+
+def test_a_locked_design_may_not_change(tmp_path):
+    pd.DataFrame({"design": ["0" * 64]}).to_csv(tmp_path / "trainings.csv")
+    check_lock({"digest": "1" * 64}, tmp_path)
+    with pytest.raises(SystemExit, match="changed after it was locked"):
+        check_lock({"locked": True, "digest": "1" * 64}, tmp_path)
+
+
+def test_every_claim_is_about_arms_and_tasks_of_the_design():
+    design = read_design(DESIGN)
+    for claim in design["pooled"]:
+        assert {claim["better"], claim["worse"]} <= {*design["methods"]}
+        assert {*claim["measure"]} <= {*design["tasks"]}
