@@ -22,7 +22,7 @@ def generate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set.")] = 0,
     workers: Workers = 1,
 ) -> None:
-    """Make a set."""
+    """Make a set; after an interruption the same command continues it."""
     from minitouch_bench.shapegen import generate as workflow
 
     with count_progress("shapes") as progress:

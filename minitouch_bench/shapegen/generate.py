@@ -1,5 +1,6 @@
-"""Generate a set, always the same bytes; and how any set is written."""
+"""Generate a set, resumable, always the same bytes; and how any set is written."""
 
+import base64
 import json
 import platform
 from collections import Counter
@@ -12,7 +13,7 @@ import coacd
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.files import lock_directory, os_errors_as, replace_file
+from minitouch_bench.files import append_bytes, lock_directory, os_errors_as, replace_file
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
@@ -35,6 +36,9 @@ from minitouch_bench.simulation.client import BUILDS
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""
 
+PARTIAL = "shapes.partial"
+"""An interrupted generation: a line with its settings, then a line per finished shape."""
+
 LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification")
 
 
@@ -51,8 +55,11 @@ def generate(
 ) -> GenerateResult:
     """Make shapes 0 to ``count`` - 1 of seed ``root``, and write them as a set.
 
+    After an interruption the same call makes the shapes that are missing.
+
     Raises:
-        RunDirectoryError: another generator works in the folder, or it holds a set.
+        RunDirectoryError: another generator works in the folder, or it holds a set; the disk is
+            full.
         InfrastructureError: the disk is full, or a worker failed.
     """
     name = f"minitouch-{count}" + (f"-seed-{root}" if root else "")
@@ -61,16 +68,42 @@ def generate(
     with lock_directory(folder):
         if (folder / MANIFEST).exists():
             raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
-        tasks = [(root, index) for index in range(count)]
-        made: dict[int, tuple[dict[str, Any], bytes]] = {}
-        for index, shape in run_in_workers(
+        partial = folder / PARTIAL
+        made = made_before(partial, {**header, "versions": versions(), "count": count})
+        tasks = [(root, index) for index in range(count) if index not in made]
+        progress(len(made), count)
+        for position, (entry, record) in run_in_workers(
             make_shape, tasks, workers, name=lambda t: f"shape {t[1]}"
         ):
-            made[index] = shape
+            index = tasks[position][1]
+            made[index] = entry, record
+            line = json.dumps([index, entry, base64.b64encode(record).decode()], allow_nan=False)
+            append_bytes(partial, f"{line}\n".encode())
             progress(len(made), count)
         document = write_set(folder, header, [made[index] for index in range(count)])
+        partial.unlink()
     refused = sum((Counter(entry["refused"]) for entry, _ in made.values()), Counter[str]())
     return GenerateResult(content_digest(document), refused)
+
+
+def made_before(partial: Path, plan: Mapping[str, Any]) -> dict[int, tuple[dict[str, Any], bytes]]:
+    """Return the entries and records by number that a generation has finished; begin a new one.
+
+    Raises:
+        RunDirectoryError: it was begun with other settings.
+        InfrastructureError: the folder cannot be written.
+    """
+    head = json.dumps(plan, sort_keys=True).encode() + b"\n"
+    found = partial.read_bytes().splitlines(keepends=True) if partial.exists() else [head]
+    if found[0] != head:
+        raise RunDirectoryError(
+            f"{partial} was begun with other settings; delete it or choose another --output"
+        )
+    whole = [line for line in found if line.endswith(b"\n")]  # a kill can cut the last one
+    with os_errors_as(InfrastructureError, partial, "written"):
+        replace_file(partial, b"".join(whole))
+    shapes = (json.loads(line) for line in whole[1:])
+    return {index: (entry, base64.b64decode(record)) for index, entry, record in shapes}
 
 
 def versions() -> dict[str, str]:

@@ -1,10 +1,13 @@
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
-from minitouch_bench.shapegen.generate import generate
+from minitouch_bench.shapegen.generate import PARTIAL, generate
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from tests.shapegen.conftest import entry_of
 
@@ -29,10 +32,45 @@ def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
         generate(tmp_path, 2, 0, 1)
 
 
+@pytest.mark.usefixtures("_instant")
+def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "set"
+    with monkeypatch.context() as patch:
+        whole = generating.run_in_workers
+
+        def until_three(*arguments: object, **names: object) -> object:
+            for done, answer in enumerate(whole(*arguments, **names)):  # type: ignore[arg-type]
+                if done == 3:
+                    raise KeyboardInterrupt
+                yield answer
+
+        patch.setattr(generating, "run_in_workers", until_three)
+        with pytest.raises(KeyboardInterrupt):
+            generate(folder, 8, 0, 1)
+    with pytest.raises(RunDirectoryError, match="other settings"):
+        generate(folder, 9, 0, 1)
+    partial = folder / PARTIAL
+    partial.write_bytes(partial.read_bytes()[:-9])  # killed while it wrote the third
+    seen: list[int] = []
+    again = generate(folder, 8, 0, 1, lambda done, _: seen.append(done))
+    assert seen[0] == 2
+    assert generate(tmp_path / "fresh", 8, 0, 1).digest == again.digest
+    assert not partial.exists()
+    assert len(load_shape_set(folder).shapes) == 8
+
+
 @pytest.mark.slow
-def test_workers_change_nothing(tmp_path: Path) -> None:
-    one, two = (generate(tmp_path / str(n), 24, 0, n).digest for n in (1, 2))
-    assert one == two
+def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
+    one = generate(tmp_path / "1", 24, 0, 1).digest
+    command = [sys.executable, "-m", "minitouch_bench", "shapes", "generate", "--count", "24",
+               "--workers", "2", "--output", str(tmp_path / "2")]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    partial = tmp_path / "2" / PARTIAL
+    while not partial.exists() or partial.read_bytes().count(b"\n") < 5:
+        time.sleep(0.2)
+    process.kill()
+    process.wait()
+    assert generate(tmp_path / "2", 24, 0, 2).digest == one
     packs = [(tmp_path / name / "shapes.bin").read_bytes() for name in ("1", "2")]
     assert packs[0] == packs[1]
     found = load_shape_set(tmp_path / "2").shapes
