@@ -14,9 +14,6 @@ from minitouch_bench.json_io import read_toml, take_table
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-HAPTICS = ("forces", "contact")
-"""What of the finger forces ``hac`` predicts: see ``agents.curiosity``."""
-
 CONFIG_FILE = "config.toml"
 """The settings of a training, in its directory."""
 
@@ -129,20 +126,17 @@ class CuriosityConfig:
 
     ``width`` scales the channels of the curiosity's own encoder. ``normalize`` divides the
     reward by its standard deviation over the last 100 batches, ``hac``'s over all.
-    ``haptics``, ``standardize`` and ``from_previous`` are ``hac``'s alone.
+    ``standardize`` is ``hac``'s alone.
     """
 
     learning_rate: float = 3e-4
     width: float = 0.25
     normalize: bool = True
     bfloat16: bool = True
-    haptics: str = "forces"
     standardize: bool = False
-    from_previous: bool = False
 
     def __post_init__(self) -> None:
         _check_ranges(self, learning_rate=(0, 1e9), width=WIDTH)
-        _check("haptics", self.haptics, HAPTICS)
 
 
 @dataclass(frozen=True)
