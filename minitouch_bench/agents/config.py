@@ -126,14 +126,12 @@ class CuriosityConfig:
 
     ``width`` scales the channels of the curiosity's own encoder. ``normalize`` divides the
     reward by its standard deviation over the last 100 batches, ``hac``'s over all.
-    ``standardize`` is ``hac``'s alone.
     """
 
     learning_rate: float = 3e-4
     width: float = 0.25
     normalize: bool = True
     bfloat16: bool = True
-    standardize: bool = False
 
     def __post_init__(self) -> None:
         _check_ranges(self, learning_rate=(0, 1e9), width=WIDTH)

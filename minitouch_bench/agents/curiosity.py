@@ -26,12 +26,6 @@ from minitouch_bench.simulation.observation import FORCES
 WHITENED_LIMIT = 5.0
 """Standard deviations."""
 
-LOG_VARIANCE_BOUNDS = (-4.6, 4.0)
-"""Of a predicted force: its standard deviation stays above 0.1 of FORCE_SCALE, 1 N."""
-
-MOST_SURPRISE = 25.0
-"""Five standard deviations count as much as any more."""
-
 ENSEMBLE_SIZE = 5
 """Models in the ensemble (Pathak et al. 2019)."""
 
@@ -198,9 +192,6 @@ class HapticCuriosity(Curiosity):
 
     - Forces alone are predicted, in units of FORCE_SCALE: position and opening are seen in every
       image.
-    - ``standardize``: the spread s_k of each force is predicted too, by the likelihood of a
-      normal distribution (Kendall and Gal 2017), and r = mean_k min((f_k - h'_k)^2 / s_k^2, 25):
-      forces that are always random, as when the door is pressed, do not outweigh rare ones.
     - The standard deviation is that of all surprises, which grow as the policy finds contacts.
     """
 
@@ -209,23 +200,13 @@ class HapticCuriosity(Curiosity):
     def __init__(self, config: CuriosityConfig, _action_size: int) -> None:
         super().__init__(config)
         self.encoder = VisualEncoder(config.width)
-        self.head = two_layers(FEATURES, 12 if config.standardize else 6)
+        self.head = two_layers(FEATURES, 6)
 
     def errors(self, batch: Batch) -> Errors:
-        """Return squared errors, with ``standardize`` in units of the predicted variance.
-
-        The loss is their mean, with ``standardize`` the negative log likelihood (less a constant).
-        """
-        forces = batch.next_touch[:, FORCES]
+        """Return squared errors; the loss is their mean."""
         prediction = self.head(self.encode(self.encoder, batch.next_image))
-        if not self.config.standardize:
-            surprise = (prediction - forces).square().mean(dim=1)
-            return Errors(surprise, surprise.mean())
-        mean, log_variance = prediction.chunk(2, dim=1)
-        log_variance = log_variance.clamp(*LOG_VARIANCE_BOUNDS)
-        square = (mean - forces).square() / log_variance.exp()
-        loss = 0.5 * (square + log_variance).mean()
-        return Errors(square.clamp(max=MOST_SURPRISE).mean(dim=1), loss)
+        surprise = (prediction - batch.next_touch[:, FORCES]).square().mean(dim=1)
+        return Errors(surprise, surprise.mean())
 
 
 class InverseDynamics(Curiosity):

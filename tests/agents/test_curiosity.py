@@ -109,30 +109,11 @@ def test_touch_does_not_count_elsewhere(method):
     assert torch.equal(surprise(curiosity, batch), surprise(curiosity, other))
 
 
-@pytest.mark.parametrize("standardize", [False, True])
-def test_haptic_curiosity_sees_the_reached_state_alone(standardize):
-    curiosity, batch = make("hac", replace(CONFIG, standardize=standardize)), random_batch()
+def test_haptic_curiosity_sees_the_reached_state_alone():
+    curiosity, batch = make("hac"), random_batch()
     assert torch.isfinite(curiosity.reward(curiosity.update(batch).surprise)).all()
     unseen = replace(batch, image=255 - batch.image)
     assert torch.equal(surprise(curiosity, batch), surprise(curiosity, unseen))
-
-
-@pytest.mark.parametrize(("standardize", "rare_first"), [(False, False), (True, True)])
-def test_a_rare_touch_outweighs_forces_that_are_always_random(standardize, rare_first):
-    curiosity = make("hac", replace(CONFIG, standardize=standardize))
-    pressed = torch.arange(8) < 4
-    image = (255 * pressed.byte())[:, None, None, None].expand(8, 1, 84, 84).contiguous()
-    batch = replace(random_batch(), next_image=image)
-
-    def felt(seed):
-        signs = torch.randn(8, 11, generator=torch.Generator().manual_seed(seed)).sign()
-        return replace(batch, next_touch=torch.where(pressed[:, None], 5.0 * signs, 0.0))
-
-    for seed in range(200):
-        curiosity.update(felt(seed))
-    random_forces = surprise(curiosity, felt(200))[:4].mean()
-    light_touch = surprise(curiosity, replace(batch, next_touch=torch.full((8, 11), 0.5)))[4:]
-    assert (light_touch.min() > random_forces) == rare_first
 
 
 def test_rewards_are_divided_by_their_standard_deviation_so_far():
