@@ -19,7 +19,7 @@ from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.machine import installed_versions, machine_facts, require
-from minitouch_bench.policies.policy import computing_packages
+from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions, write_forces
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import (

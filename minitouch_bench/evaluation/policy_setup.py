@@ -11,8 +11,8 @@ from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
+from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
-    FORMATS,
     SANDBOXED,
     Isolation,
     IsolationOptions,

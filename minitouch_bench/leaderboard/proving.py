@@ -34,7 +34,8 @@ from minitouch_bench.leaderboard.proof import (
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, PolicySource
+from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.policies.sources import directory_digest, parse_source
 from minitouch_bench.runs.run import Run
 from minitouch_bench.verification import replay_check

@@ -20,7 +20,7 @@ from minitouch_bench import files
 from minitouch_bench.episode import Role, Sha256
 from minitouch_bench.errors import UnreadableFileError, UsageError, printable
 from minitouch_bench.json_io import parse_toml, read_table, whole, write_toml
-from minitouch_bench.policies.policy import FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import check_zip
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.labels import TASKS

@@ -30,7 +30,8 @@ from minitouch_bench.leaderboard.submission import (
     read_submission,
 )
 from minitouch_bench.policies import sources
-from minitouch_bench.policies.policy import BUILT_IN, DIRECTORY, FORMATS, NOTES, Isolation
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS
+from minitouch_bench.policies.policy import DIRECTORY, NOTES, Isolation
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
 from minitouch_bench.verification.static_check import (

@@ -32,8 +32,8 @@ import numpy.random  # loaded lazily otherwise, so again in every child
 
 from minitouch_bench import errors
 from minitouch_bench.policies import wire
+from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
-    FORMATS,
     Isolation,
     action_size,
     check_permitted,

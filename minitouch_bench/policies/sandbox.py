@@ -24,7 +24,7 @@ from minitouch_bench.policies import kernel
 from minitouch_bench.policies.kernel import ARCHITECTURES, NEITHER_READ_NOR_WRITE
 from minitouch_bench.processes import ARITHMETIC, die_with
 
-SYSTEM = (
+READABLE = (
     "/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/local/lib64",
     "/etc/ld.so.cache", "/etc/localtime", "/usr/share/zoneinfo", "/usr/share/locale",
     "/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu", "/sys/devices/system/node",
@@ -66,7 +66,7 @@ def readable_paths() -> tuple[str, ...]:
     packages += [path for path in sys.path if Path(path).name in PACKAGE_FOLDERS]
     package = str(Path(__file__).parents[1])
     library = os.path.join(sys.base_prefix, "lib")  # with libpython, and conda's libraries
-    return tuple(dict.fromkeys((*SYSTEM, library, *packages, package)))
+    return tuple(dict.fromkeys((*READABLE, library, *packages, package)))
 
 
 class FactoryPaths(NamedTuple):

@@ -24,13 +24,8 @@ from minitouch_bench.files import (
     read_file,
 )
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import (
-    BUILT_IN,
-    DIRECTORY,
-    FORMATS,
-    KIND_BY_SUFFIX,
-    PolicySource,
-)
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"

@@ -38,11 +38,11 @@ ENDINGS = {
 }
 """How an episode ends, in words and as a color."""
 
-GOALS = {
+AIMS = {
     "playing": "Touch the cube as often as possible; there is no goal.",
-    "pushing": "Push the dark cube to the gray target, to less than 7 cm.",
-    "opening": "Find the handle and open the door to 30°.",
-    "pick-up": "Grasp the object and lift it until its lowest point is 5 cm above the table.",
+    "pushing": "Push the dark cube to the gray target.",
+    "opening": "Find the handle and open the door.",
+    "pick-up": "Grasp the object and lift it.",
 }
 """What a policy is to do, for somebody who sees a task for the first time."""
 
@@ -149,13 +149,19 @@ def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
         title=title,
         run=run,
         spec=spec,
-        goal=GOALS[spec.task],
+        goal=_goal(spec.task),
         ending=marks[-1],
         words=in_words(film, printable(run.faults.get(spec.key, ""))),
         is_as_recorded=is_as_recorded,
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
     )
     return EpisodePage(f"{run.name}: {title}", html)
+
+
+def _goal(task: str) -> str:
+    """Return what a policy is to do, and what counts as success."""
+    goal = PROTOCOL.task(task).goal
+    return f"{AIMS[task]} Success: {goal}." if goal else AIMS[task]
 
 
 def _marks(film: Film) -> Iterator[Mapping[str, Any]]:
