@@ -28,6 +28,12 @@ PORTRAIT_COLORS = {"white": "1 1 1 1", "dark": "0.4 0.4 0.43 1"}
 
 STOCK = Path(pybullet_data.getDataPath()) / "franka_panda"
 
+ORIGIN = (
+    " The Panda of pybullet_data (franka_panda, Apache License 2.0); meshes, colors and finger "
+    "contact were changed by benchmarks/panda_meshes.py "
+)
+"""What both URDFs say of themselves: the license asks for it."""
+
 SIDE, DARK_BELOW = 1024, 200
 """Of the palette: the pixels of a side, and the gray level below which a part is dark."""
 
@@ -64,6 +70,7 @@ def write_panda(directory: Path) -> None:
             material.set("name", f"{name}_paint")
             color = observation.hand_color if name == "panda_hand" else observation.arm_color
             ET.SubElement(material, "color", rgba=" ".join(map(repr, color)))
+    root.insert(0, ET.Comment(ORIGIN))
     (directory / PANDA.name).write_bytes(ET.tostring(root))
 
 
@@ -91,6 +98,7 @@ def write_portrait(directory: Path) -> None:
                     material = ET.SubElement(part, "material", name=color)
                     ET.SubElement(material, "color", rgba=rgba)
                     link.append(part)
+    root.insert(0, ET.Comment(ORIGIN))
     (directory / PORTRAIT_PANDA.name).write_bytes(ET.tostring(root))
 
 
