@@ -75,10 +75,14 @@ def as_array(action: Tensor) -> NDArray[Any]:
 
 
 def save_native(actor: TouchActor, path: Path) -> None:
-    """Write an actor as a native checkpoint."""
+    """Write an actor as a native checkpoint, weights in half precision where that is exact."""
     assert isinstance(actor.encoder, VisualEncoder)
     form = PolicyMetadata(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
-    tensors = {name: value.contiguous() for name, value in actor.state_dict().items()}
+    halves = {name: value.half().contiguous() for name, value in actor.state_dict().items()}
+    tensors = {
+        name: half if torch.equal(half.float(), whole) else whole.contiguous()
+        for (name, half), whole in zip(halves.items(), actor.state_dict().values(), strict=True)
+    }
     write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 
 

@@ -37,11 +37,11 @@ def test_a_narrow_encoder_is_saved_narrow_and_acts_the_same(tmp_path):
         saved = learner.actor()
         action = saved(batch.image, batch.touch)
     assert saved.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
-    torch.testing.assert_close(action, torch.tanh(mean), atol=1e-5, rtol=0)
+    torch.testing.assert_close(action, torch.tanh(mean), atol=2e-3, rtol=0)  # half precision
 
     file = tmp_path / "policy.safetensors"
     save_native(saved, file)
-    assert file.stat().st_size < 700_000  # 2.2 MB at full width
+    assert file.stat().st_size < 350_000  # 2.2 MB at full width and precision
     loaded = load_native(PolicySource("native", "x", str(file), content=file.read_bytes()))
     observation = {"image": batch.image[0].numpy(), "touch": batch.touch[0].numpy()}
     with torch.no_grad():
@@ -123,7 +123,7 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense):
         # It acts as in training, where the sense is constant.
         sensed = learner._sensed(image, learner.scale.scaled(touch))
         trained = learner.sac.actor.gaussian_of(learner.sac.encoder(sensed[0]), sensed[1])[0]
-    torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=1e-5, rtol=0)
+    torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=2e-3, rtol=0)
     surprised = [
         learner.curiosity.errors(replace(learner._batch(replay), next_image=picture)).surprise
         for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
