@@ -210,7 +210,7 @@ class Learner:
         )
 
     def actor(self) -> TouchActor:
-        """Return the policy as it stands, on the CPU, scales folded in, in half precision's numbers.
+        """Return the policy as it stands, on the CPU, scales folded in, weights in half precision.
 
         So a checkpoint of two bytes per weight is the policy that was evaluated. It ignores the
         senses that it learned without by its weights.
