@@ -106,7 +106,6 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
         ]
         for claim in claims
     ]
-    pooled = _adjusted(sides)
     rows = []
     for number, (claim, pooled, p_values) in enumerate(
         zip(claims, sides, _adjusted(sides), strict=True)

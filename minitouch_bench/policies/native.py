@@ -78,10 +78,9 @@ def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint, weights in half precision where that is exact."""
     assert isinstance(actor.encoder, VisualEncoder)
     form = PolicyMetadata(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
-    halves = {name: value.half().contiguous() for name, value in actor.state_dict().items()}
     tensors = {
-        name: half if torch.equal(half.float(), whole) else whole.contiguous()
-        for (name, half), whole in zip(halves.items(), actor.state_dict().values(), strict=True)
+        name: (half if torch.equal((half := value.half()).float(), value) else value).contiguous()
+        for name, value in actor.state_dict().items()
     }
     write_file(path, safetensors.torch.save(tensors, {METADATA_KEY: json.dumps(asdict(form))}))
 

@@ -13,7 +13,7 @@ import coacd
 import numpy as np
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.files import append_bytes, lock_directory, os_errors_as, replace_file
+from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
@@ -58,8 +58,7 @@ def generate(
     After an interruption the same call makes the shapes that are missing.
 
     Raises:
-        RunDirectoryError: another generator works in the folder, or it holds a set; the disk is
-            full.
+        RunDirectoryError: another generator works in the folder, or it holds a set.
         InfrastructureError: the disk is full, or a worker failed.
     """
     name = f"minitouch-{count}" + (f"-seed-{root}" if root else "")
@@ -78,7 +77,12 @@ def generate(
             index = tasks[position][1]
             made[index] = entry, record
             line = json.dumps([index, entry, base64.b64encode(record).decode()], allow_nan=False)
-            append_bytes(partial, f"{line}\n".encode())
+            hint = "; the shapes made so far are kept: make room and run the same command again"
+            with (
+                os_errors_as(InfrastructureError, partial, "written", hint),
+                partial.open("a") as file,
+            ):
+                file.write(f"{line}\n")
             progress(len(made), count)
         document = write_set(folder, header, [made[index] for index in range(count)])
         partial.unlink()
