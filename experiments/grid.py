@@ -10,7 +10,7 @@ import hashlib
 import os
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context, parent_process
@@ -71,7 +71,7 @@ def in_task(design: Mapping[str, Any], task: str) -> dict[str, Any]:
 
 
 def cells_of(design: Mapping[str, Any]) -> list[Cell]:
-    """Return the cells in the order in which they are trained: seed by seed."""
+    """Return the cells, seed by seed."""
     return [
         Cell(task, method, seed, steps)
         for seed in design["seeds"]
@@ -208,8 +208,10 @@ def finished_cells(output: Path) -> set[Cell]:
     return {Cell(*row) for row in pd.read_csv(file)[KEY].itertuples(index=False)}
 
 
-def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, str]:
-    """Finish the cells that are left; return why a cell failed, by cell."""
+def run_grid(
+    design_file: Path, output: Path, workers: int = 1, methods: Sequence[str] = ()
+) -> dict[Cell, str]:
+    """Finish the cells that are left, of some methods or of all; return why a cell failed."""
     design = read_design(design_file)
     output.mkdir(parents=True, exist_ok=True)
     check_lock(design, output)
@@ -219,7 +221,7 @@ def run_grid(design_file: Path, output: Path, workers: int = 1) -> dict[Cell, st
         if changed := [key for key in SAME_IN_ALL if before.get(key) != design.get(key)]:
             sys.exit(f"{output} was started with another {changed[0]}: choose another --output")
     kept.write_bytes(design_file.read_bytes())
-    cells = cells_of(design)
+    cells = [cell for cell in cells_of(design) if cell.method in methods or not methods]
     left = [cell for cell in cells if cell not in finished_cells(output)]
     print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
     failed = {}
@@ -250,9 +252,10 @@ def main() -> None:
     parser.add_argument("design", type=Path)
     parser.add_argument("--output", type=Path, help="default: reports/studies/NAME")
     parser.add_argument("--workers", type=int, default=1, help="cells at a time, a core each")
+    parser.add_argument("--methods", nargs="+", default=[], help="default: all of the design")
     given = parser.parse_args()
     output = given.output or Path("reports/studies") / given.design.stem
-    sys.exit(1 if run_grid(given.design, output, given.workers) else 0)
+    sys.exit(1 if run_grid(given.design, output, given.workers, given.methods) else 0)
 
 
 if __name__ == "__main__":

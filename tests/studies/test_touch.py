@@ -1,6 +1,7 @@
 """The analysis of the study of touch, on values of which the answer is known."""
 
 from itertools import combinations, product
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pytest
 from experiments.grid import check_lock, read_design
 from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_number
 
+ROOT = Path(__file__).parents[2]
 RNG = np.random.default_rng(5)
 CLAIMS = [
     {"better": "hac", "worse": "rnd", "measure": {"pushing": "success", "pick-up": "success"}},
@@ -96,3 +98,9 @@ def test_every_claim_is_about_arms_and_tasks_of_the_design():
     for claim in design["pooled"]:
         assert {claim["better"], claim["worse"]} <= {*design["methods"]}
         assert {*claim["measure"]} <= {*design["tasks"]}
+
+
+def test_the_design_is_the_one_that_was_locked():
+    design = read_design(DESIGN)
+    assert design["locked"]
+    assert f"`{design['digest']}`" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
