@@ -21,6 +21,7 @@ from typing import Any
 import pandas as pd
 
 import minitouch_bench as mt
+from experiments.reliance import reliance_rows
 
 KEY = ["task", "method", "training_seed", "exploration_steps"]
 """The columns that name a cell, in every CSV file."""
@@ -121,13 +122,19 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
             output=place / name, **options,
         )  # fmt: skip
         runs.append(run)
-    return rows_of(cell, runs, place, design)
+    rows = rows_of(runs, place, design)
+    asked = design.get("reliance")
+    if asked and cell.task in asked["tasks"] and cell.method in asked["methods"]:
+        for name, more in reliance_rows(final, runs[0], asked).items():
+            rows[name] = pd.concat([rows[name], more])
+    for frame in rows.values():
+        for column, value in reversed([*asdict(cell).items()]):
+            frame.insert(0, column, value)
+    return rows
 
 
-def rows_of(
-    cell: Cell, runs: list[mt.Run], place: Path, design: Mapping[str, Any]
-) -> dict[str, pd.DataFrame]:
-    """Return a cell's rows of each CSV file."""
+def rows_of(runs: list[mt.Run], place: Path, design: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """Return a cell's rows of each CSV file, without its key."""
     progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
     main = runs[0].header
     training = {
@@ -138,16 +145,12 @@ def rows_of(
         "run_digests": " ".join(run.digest for run in runs),
         "design": design["digest"],
     }
-    rows = {
+    return {
         "episodes": pd.concat([_episodes(run) for run in runs]),
         "estimates": pd.DataFrame([row for run in runs for row in _estimates(run)]),
         "curves": progress,
         "trainings": pd.DataFrame([training]),
     }
-    for frame in rows.values():
-        for column, value in reversed([*asdict(cell).items()]):
-            frame.insert(0, column, value)
-    return rows
 
 
 def _where(run: mt.Run) -> dict[str, str]:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
+from experiments.reliance import WORDS
 
 ROOT = Path(__file__).parents[2]
 DESIGN = """
@@ -33,6 +34,12 @@ sac = { batch_size = 8 }
 without = ["forces"]
 perturb = ["mass=2:3"]
 episodes = 2
+tasks = ["opening"]
+
+[reliance]
+forces = ["late", "other"]
+episodes = 1
+methods = ["rnd"]
 tasks = ["opening"]
 """
 
@@ -68,7 +75,7 @@ def test_killed_three_times_it_ends_in_the_rows_of_an_undisturbed_one(design, tm
         drop = [column for column in ("seconds",) if column in calm]
         pd.testing.assert_frame_equal(calm.drop(columns=drop), killed.drop(columns=drop))
     assert {*pd.read_csv(output / "episodes.csv", keep_default_na=False)["conditions"]} == {
-        "", "without forces, mass 2 to 3 times",
+        "", "without forces, mass 2 to 3 times", *WORDS.values(),
     }  # fmt: skip
 
 
