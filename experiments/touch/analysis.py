@@ -4,7 +4,6 @@ Every value is the mean of one training seed's official episodes. The same rows 
 ``python -m experiments.touch.analysis``.
 """
 
-import sys
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from experiments.analysis import STUDIES, read_rows, table_lines, write_results
+from experiments.analysis import ABSENT, STUDIES, read_rows, table_lines, write_results
 from experiments.grid import cells_of, check_lock, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
@@ -34,13 +33,15 @@ Values = Mapping[tuple[str, str, str], np.ndarray]
 Sides = Sequence[Sequence[np.ndarray]]
 """The better arm's and the worse arm's seeds' values, task by task."""
 
-UNDECIDED = "not decided"
+UNDECIDED, UNTRAINED = "not decided", "not trained"
 
 NOTES = (
     "One-sided exact permutation tests of the sum of differences of means, stratified by task: "
     "within each task every division of the seeds' values between the two arms counts once. p: "
     "adjusted by Holm's method over the pooled claims; a single task is tested, with Holm's method "
     "over its claim's tasks, only where the pooled claim is decided, and in its direction.",
+    "A claim is judged once every training of both arms is finished. The correction counts the "
+    "claims that are not trained yet: a decided one stays decided when they are.",
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction.",
     f"Detectable: the common difference that {100 * POWER:.0f} % of such studies show at the "
     "strictest level of the correction, if seeds vary as here (normal values, simulated).",
@@ -93,23 +94,29 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
 
     Args:
         claims: Those of the design: better, worse, and ``measure``, the metric of each task.
-        values: Those of all arms.
+        values: Those of the finished arms.
 
     Returns:
         A row per pooled claim, and below it one per task: claim, task ("" where pooled), the means
-        of both arms over tasks and seeds, p, p_reversed (adjusted), detectable, verdict.
+        of both arms over tasks and seeds, p, p_reversed (adjusted), detectable, verdict. A claim
+        about an arm that is not finished has one row, without numbers.
     """
-    sides = [
-        [
+    arms = {arm for arm, _, _ in values}
+    sides = {
+        number: [
             [values[claim[side], task, metric] for task, metric in claim["measure"].items()]
             for side in ("better", "worse")
         ]
-        for claim in claims
-    ]
-    rows = []
-    for number, (claim, pooled, p_values) in enumerate(
-        zip(claims, sides, _adjusted(sides), strict=True)
-    ):
+        for number, claim in enumerate(claims)
+        if {claim["better"], claim["worse"]} <= arms
+    }
+    adjusted = dict(zip(sides, _adjusted([*sides.values()], len(claims)), strict=True))
+    rows: list[dict[str, Any]] = []
+    for number, claim in enumerate(claims):
+        if number not in sides:
+            rows.append({"claim": number, "task": "", "verdict": UNTRAINED})
+            continue
+        pooled, p_values = sides[number], adjusted[number]
         verdict = _verdict(p_values)
         rows.append(
             {"claim": number, "task": "", "verdict": verdict}
@@ -117,7 +124,7 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
         )
         singles = [[[one], [other]] for one, other in zip(*pooled, strict=True)]
         for task, single, p_single in zip(
-            claim["measure"], singles, _adjusted(singles), strict=True
+            claim["measure"], singles, _adjusted(singles, len(singles)), strict=True
         ):
             is_alike = _verdict(p_single) == verdict
             rows.append(
@@ -127,11 +134,15 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
     return pd.DataFrame(rows)
 
 
-def _adjusted(sides: Sequence[Sides]) -> list[tuple[float, float]]:
-    """Return the p-values of comparisons, and of their reverses, each corrected as one family."""
-    forward = holm([stratified_p(better, worse) for better, worse in sides])
-    backward = holm([stratified_p(worse, better) for better, worse in sides])
-    return [*zip(forward, backward, strict=True)]
+def _adjusted(sides: Sequence[Sides], family: int) -> list[tuple[float, float]]:
+    """Return the p-values of comparisons, and of their reverses, each corrected as one family.
+
+    The family's comparisons that are not made yet count as if their p-values were 1.
+    """
+    later = [1.0] * (family - len(sides))
+    forward = holm([*(stratified_p(better, worse) for better, worse in sides), *later])
+    backward = holm([*(stratified_p(worse, better) for better, worse in sides), *later])
+    return [*zip(forward, backward, strict=True)][: len(sides)]
 
 
 def _verdict(p_values: tuple[float, float]) -> str:
@@ -176,13 +187,15 @@ def touch_number(values: Values, task: str, metric: str) -> dict[str, tuple[floa
 
     "all" is the mean of ``hac`` less that of the arm without any touch. Each part is the mean of
     its two comparisons in FACTORS (Shapley's division), so that both add up to all. Values with
-    95 % intervals over training seeds: Student's t, Welch-Satterthwaite degrees of freedom.
+    95 % intervals over training seeds: Student's t, Welch-Satterthwaite degrees of freedom. What
+    needs an arm that is not finished is left out.
     """
     parts = {name: _contrast(pairs, 0.5) for name, pairs in FACTORS.items()}
     weights = {"all": _contrast((("hac", "rnd-no-forces"),), 1.0), **parts}
     return {
         name: _interval([(weight, values[arm, task, metric]) for arm, weight in of_arm.items()])
         for name, of_arm in weights.items()
+        if all((arm, task, metric) in values for arm in of_arm)
     }
 
 
@@ -205,10 +218,12 @@ def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, floa
     return value, value - half, value + half
 
 
-def values_of(directory: Path) -> Values:
-    """Read the seeds' values of the official episodes from the rows of the study."""
+def values_of(design: Mapping[str, Any], directory: Path) -> Values:
+    """Read the seeds' values of the official episodes of the arms that have all their trainings."""
+    begun = {cell.method for cell in {*cells_of(design)} - finished_cells(directory)}
     rows = read_rows(directory, "estimates")
     main = rows[(rows["suite"] == "table4") & (rows["conditions"] == "")]
+    main = main[~main["method"].isin(begun)]
     return {
         key: group["value"].to_numpy(float)
         for key, group in main.groupby(["method", "task", "metric"], sort=False)
@@ -216,16 +231,15 @@ def values_of(directory: Path) -> Values:
 
 
 def report(design: Mapping[str, Any], directory: Path) -> str:
-    """Return the claims and the touch number as a page of Markdown.
-
-    Exits where a training of the design is missing: nothing is judged early.
-    """
-    if missing := len({*cells_of(design)} - finished_cells(directory)):
-        sys.exit(f"{missing} of {len(cells_of(design))} trainings are missing")
-    values = values_of(directory)
+    """Return the claims and the touch number as a page of Markdown."""
+    values = values_of(design, directory)
     judged = judge_pooled(design["pooled"], values)
     judged.to_csv(directory / "pooled.csv", index=False)
-    return "\n".join([*_claim_lines(design, judged), *_number_lines(design, values)]) + "\n"
+    cells, seeds = {*cells_of(design)}, len(design["seeds"])
+    state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
+    arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
+    lines = ["# What is touch for?", "", f"{state}. Arms with all {seeds} seeds: {arms}.", ""]
+    return "\n".join([*lines, *_claim_lines(design, judged), *_number_lines(design, values)]) + "\n"
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
@@ -233,26 +247,35 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
     for row in judged.itertuples():
         claim = design["pooled"][row.claim]
         p = row.p_reversed if row.verdict == "contradicted" else row.p
+        arms = f"{claim['better']} \\> {claim['worse']}"
+        if row.verdict == UNTRAINED:
+            rows.append([claim["name"], arms, *[ABSENT] * 3, UNTRAINED])
+            continue
         rows.append(
             [
                 claim["name"] if not row.task else f"&emsp;{task_title(row.task)}",
-                f"{claim['better']} \\> {claim['worse']}",
+                arms,
                 f"{row.better_mean:.3f}, {row.worse_mean:.3f}",
-                "—" if np.isnan(row.detectable) else f"{row.detectable:.3f}",
+                ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
                 f"{p:.4f}" if p >= 0.0001 else "< 0.0001",
                 row.verdict,
             ]
         )
     heads = ["Claim", "Arms", "Means over seeds and tasks", "Detectable", "p", "Verdict"]
     notes = ["", *(f"- {note}" for note in NOTES)]
-    return ["# What is touch for?", "", "## Claims", *table_lines(heads, rows, 2), *notes, ""]
+    return ["## Claims", *table_lines(heads, rows, 2), *notes, ""]
 
 
 def _number_lines(design: Mapping[str, Any], values: Values) -> list[str]:
     rows = []
     for task, metric in design["touch_number"].items():
         parts = touch_number(values, task, metric)
-        cells = [f"{value:+.3f} [{low:+.3f}, {high:+.3f}]" for value, low, high in parts.values()]
+        cells = [
+            f"{parts[part][0]:+.3f} [{parts[part][1]:+.3f}, {parts[part][2]:+.3f}]"
+            if part in parts
+            else ABSENT
+            for part in ("all", *FACTORS)
+        ]
         rows.append([task_title(task), METRICS[metric].label, *cells])
     heads = ["Task", "Metric", "All of touch", "of it for exploring", "of it for acting"]
     return ["## The touch number", *table_lines(heads, rows, 2), "", f"- {NUMBER_NOTE}"]

@@ -58,6 +58,16 @@ def test_single_tasks_are_decided_only_inside_a_decided_claim():
     }
 
 
+def test_a_claim_that_is_judged_before_others_are_trained_keeps_its_verdict():
+    values = known(hac=0.8, rnd=0.4, sac=0.4)
+    early = {key: seeds for key, seeds in values.items() if key[0] != "sac"}
+    first, last = (judge_pooled(CLAIMS, some) for some in (early, values))
+    assert [*first[first["claim"] == 1]["verdict"]] == ["not trained"]
+    decided, later = (one[one["claim"] == 0].reset_index(drop=True) for one in (first, last))
+    assert [*decided["verdict"]] == [*later["verdict"]] == ["confirmed"] * 3
+    assert (decided["p"] >= later["p"]).all()
+
+
 def test_the_detectable_difference_is_found_by_the_exact_test():
     spread = [RNG.normal(0.5, 0.1, 8)], [RNG.normal(0.5, 0.1, 8)]
     shift = detectable(*spread, 0.01)
