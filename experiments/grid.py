@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from fnmatch import fnmatch
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
@@ -212,9 +213,9 @@ def finished_cells(output: Path) -> set[Cell]:
 
 
 def run_grid(
-    design_file: Path, output: Path, workers: int = 1, methods: Sequence[str] = ()
+    design_file: Path, output: Path, workers: int = 1, only: Sequence[str] = ("*",)
 ) -> dict[Cell, str]:
-    """Finish the cells that are left, of some methods or of all; return why a cell failed."""
+    """Finish the cells that are left, of those whose names match; return why a cell failed."""
     design = read_design(design_file)
     output.mkdir(parents=True, exist_ok=True)
     check_lock(design, output)
@@ -224,7 +225,7 @@ def run_grid(
         if changed := [key for key in SAME_IN_ALL if before.get(key) != design.get(key)]:
             sys.exit(f"{output} was started with another {changed[0]}: choose another --output")
     kept.write_bytes(design_file.read_bytes())
-    cells = [cell for cell in cells_of(design) if cell.method in methods or not methods]
+    cells = [cell for cell in cells_of(design) if any(fnmatch(cell.name, one) for one in only)]
     left = [cell for cell in cells if cell not in finished_cells(output)]
     print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
     failed = {}
@@ -255,10 +256,10 @@ def main() -> None:
     parser.add_argument("design", type=Path)
     parser.add_argument("--output", type=Path, help="default: reports/studies/NAME")
     parser.add_argument("--workers", type=int, default=1, help="cells at a time, a core each")
-    parser.add_argument("--methods", nargs="+", default=[], help="default: all of the design")
+    parser.add_argument("--only", nargs="+", default=["*"], help="cells, as in 'pushing-hac-*'")
     given = parser.parse_args()
     output = given.output or Path("reports/studies") / given.design.stem
-    sys.exit(1 if run_grid(given.design, output, given.workers, given.methods) else 0)
+    sys.exit(1 if run_grid(given.design, output, given.workers, given.only) else 0)
 
 
 if __name__ == "__main__":
