@@ -47,7 +47,10 @@ def submit(
     ] = "",
     modalities: Annotated[
         str | None,
-        about_option(help="vision, touch, or both, separated by commas; by default both."),
+        about_option(
+            help="What the policy uses: vision, and touch or proprioception (touch without its "
+            "forces), separated by commas; by default vision,touch."
+        ),
     ] = None,
     notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
     directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,

@@ -166,7 +166,11 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
         beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
         levels=list(proof.ProofLevel),
         meanings=proof.MEANINGS,
-        modalities=MODALITIES,
+        modalities={
+            name: meaning
+            for name, meaning in MODALITIES.items()
+            if any(name in row.modalities for row in board.rows)
+        },
         notes=views.notes(),
         tasks=len(suite.tasks),
         episodes=len(suite.tasks) * suite.episodes_per_task,

@@ -42,6 +42,7 @@ MODALITIES: Mapping[str, str] = MappingProxyType(
     {
         "vision": "uses the camera image",
         "touch": "uses the touch vector",
+        "proprioception": "uses the touch vector without its forces",
         "state": "reads the simulator's state",
     }
 )
