@@ -9,11 +9,14 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import scipy
 
 from experiments.analysis import ABSENT, STUDIES, read_rows, table_lines, write_results
+from experiments.figures import COLORS, SAME_BYTES
 from experiments.grid import cells_of, check_lock, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
@@ -274,11 +277,48 @@ def _number_lines(design: Mapping[str, Any], values: Values) -> list[str]:
             f"{parts[part][0]:+.3f} [{parts[part][1]:+.3f}, {parts[part][2]:+.3f}]"
             if part in parts
             else ABSENT
-            for part in ("all", *FACTORS)
+            for part in PARTS
         ]
         rows.append([task_title(task), METRICS[metric].label, *cells])
     heads = ["Task", "Metric", "All of touch", "of it for exploring", "of it for acting"]
-    return ["## The touch number", *table_lines(heads, rows, 2), "", f"- {NUMBER_NOTE}"]
+    picture = "![With touch minus without, with 95 % intervals](figures/touch-number.svg)"
+    return [
+        "## The touch number",
+        *table_lines(heads, rows, 2),
+        "",
+        f"- {NUMBER_NOTE}",
+        "",
+        picture,
+    ]
+
+
+PARTS = {"all": "all of touch", "exploring": "for exploring", "acting": "for acting"}
+
+
+def draw_number(design: Mapping[str, Any], values: Values, file: Path) -> None:
+    """Draw the touch number of each task and its two parts, with their intervals."""
+    drawn = [
+        (task, metric, touch_number(values, task, metric))
+        for task, metric in design["touch_number"].items()
+    ]
+    with mpl.rc_context(SAME_BYTES):
+        figure, every = plt.subplots(
+            1, len(drawn), figsize=(2.9 * len(drawn), 2.2), sharey=True, layout="constrained"
+        )
+        for axes, (task, metric, parts) in zip(every, drawn, strict=True):
+            axes.axvline(0.0, color="gray", linewidth=0.8)
+            for place, part in enumerate(PARTS):
+                if part in parts:
+                    value, low, high = parts[part]
+                    axes.plot([low, high], [place] * 2, color=COLORS[place], linewidth=2)
+                    axes.plot(value, place, "o", color=COLORS[place])
+            axes.set(
+                title=f"{task_title(task)}: {METRICS[metric].label.lower()}", xlim=(-1.05, 1.05)
+            )
+            axes.set(xlabel="with touch minus without", ylim=(len(PARTS) - 0.5, -0.5))
+            axes.set_yticks(range(len(PARTS)), PARTS.values())
+        figure.savefig(file, metadata={"Date": None, "Creator": None})
+        plt.close(figure)
 
 
 def main() -> None:
@@ -288,6 +328,7 @@ def main() -> None:
     page = report(design, directory)
     write_results(design, directory)
     (directory / "touch.md").write_text(page, encoding="utf-8")
+    draw_number(design, values_of(design, directory), directory / "figures" / "touch-number.svg")
 
 
 if __name__ == "__main__":
