@@ -36,6 +36,9 @@ Values = Mapping[tuple[str, str, str], np.ndarray]
 Sides = Sequence[Sequence[np.ndarray]]
 """The better arm's and the worse arm's seeds' values, task by task."""
 
+COLUMNS = [
+    "claim", "task", "verdict", "better_mean", "worse_mean", "p", "p_reversed", "detectable",
+]  # fmt: skip
 UNDECIDED, UNTRAINED = "not decided", "not trained"
 
 NOTES = (
@@ -134,7 +137,7 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
                 {"claim": number, "task": task, "verdict": verdict if is_alike else UNDECIDED}
                 | _numbers(single, p_single, len(singles))
             )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _adjusted(sides: Sequence[Sides], family: int) -> list[tuple[float, float]]:
@@ -233,16 +236,16 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
     }
 
 
-def report(design: Mapping[str, Any], directory: Path) -> str:
-    """Return the claims and the touch number as a page of Markdown."""
+def report(design: Mapping[str, Any], directory: Path) -> tuple[str, pd.DataFrame]:
+    """Return the claims and the touch number as a page of Markdown, and the judged claims."""
     values = values_of(design, directory)
     judged = judge_pooled(design["pooled"], values)
-    judged.to_csv(directory / "pooled.csv", index=False)
     cells, seeds = {*cells_of(design)}, len(design["seeds"])
     state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
     arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
     lines = ["# What is touch for?", "", f"{state}. Arms with all {seeds} seeds: {arms}.", ""]
-    return "\n".join([*lines, *_claim_lines(design, judged), *_number_lines(design, values)]) + "\n"
+    lines += [*_claim_lines(design, judged), *_number_lines(design, values)]
+    return "\n".join(lines) + "\n", judged
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
@@ -325,7 +328,8 @@ def main() -> None:
     """Write the tables and figures of the study from its stored rows."""
     design, directory = read_design(DESIGN), STUDIES / "touch"
     check_lock(design, directory)
-    page = report(design, directory)
+    page, judged = report(design, directory)
+    judged.to_csv(directory / "pooled.csv", index=False)
     write_results(design, directory)
     (directory / "touch.md").write_text(page, encoding="utf-8")
     draw_number(design, values_of(design, directory), directory / "figures" / "touch-number.svg")
