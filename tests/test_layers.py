@@ -98,8 +98,6 @@ def test_only_the_simulation_knows_pybullet():
         names = imported_names(path)
         if "pybullet" in {name.split(".")[0] for name in names}:
             assert relative == SIMULATOR_FILE, relative
-        if any(name.endswith("simulation.bullet.pybullet") for name in names):
-            assert relative == SIMULATOR_FILE, relative
 
 
 @pytest.mark.parametrize("relative", MODULES)

@@ -1,7 +1,6 @@
-"""One word, one meaning: no two modules or public classes of one name, and no word of the past."""
+"""One word, one meaning: no two modules or public classes of one name."""
 
 import ast
-import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -12,18 +11,6 @@ MODULES = {path.relative_to(PACKAGE): path for path in sorted(PACKAGE.rglob("*.p
 
 NAMED_AFTER = ("commands",)
 """Folders whose modules are named after a command, as the module that does the work."""
-
-REPLACED = {
-    "workflow": "command",
-    "landmark": "visible body",
-    "furthest": "cube_distance, hand_distance",
-    "native_form": "policy metadata",
-    "unfinished_run": "journal",
-    "run_under_way": "journal",
-    "episode_metrics": "episode",
-    "episode_record": "played episode",
-}
-"""Words that no name contains any more, with the word in their place."""
 
 
 def definitions(*kinds):
@@ -49,11 +36,3 @@ def test_no_two_public_classes_have_one_name():
         if not name.startswith("_"):
             places[name].append(relative.as_posix())
     assert not {name: found for name, found in places.items() if len(found) > 1}
-
-
-def test_no_name_has_a_word_that_was_replaced():
-    names = definitions(ast.ClassDef, ast.FunctionDef)
-    words = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for _, name in names}
-    words |= {relative.stem for relative in MODULES}
-    found = {(word, name) for word in REPLACED for name in words if word in name}
-    assert not found

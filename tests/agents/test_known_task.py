@@ -11,9 +11,7 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-STEPS, RANDOM_STEPS, EPISODE = 3000, 500, 50
-STRIDE, CELLS = 0.04, 10
-CPU = torch.device("cpu")
+STEPS, RANDOM_STEPS, EPISODE, STRIDE = 3000, 500, 50, 0.04
 TOUCH = np.zeros(11, np.float32)
 
 
@@ -33,8 +31,9 @@ def cells_seen(method, seed):
         sac=replace(config.sac, shift=0, bfloat16=False),
         curiosity=replace(config.curiosity, bfloat16=False),
     )
-    learner, replay = Learner(config, spec, CPU), Replay(10_000, 11, spec.action_size)
-    seen = np.zeros((CELLS, CELLS), bool)
+    learner = Learner(config, spec, torch.device("cpu"))
+    replay = Replay(STEPS * 2, 11, spec.action_size)
+    seen = np.zeros((10, 10), bool)
     for step in range(STEPS):
         if step % EPISODE == 0:
             place = np.full(2, 0.05)
@@ -44,7 +43,7 @@ def cells_seen(method, seed):
         else:
             action = learner.act_at_random()
         place = np.clip(place + STRIDE * action[:2], 0.0, 1.0)
-        seen[tuple((CELLS * place).astype(int).clip(max=CELLS - 1))] = True
+        seen[tuple((9.99 * place).astype(int))] = True
         replay.add(action, 0.0, picture(place), TOUCH, success=False, ended=False)
         if method and step >= RANDOM_STEPS and step % 2:
             learner.update(replay, step)

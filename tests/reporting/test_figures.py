@@ -45,10 +45,3 @@ def test_the_figures_name_their_units_and_the_paper_is_never_on_an_axis_of_touch
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
     assert figures[2].legend == ()  # one run
-
-
-def test_every_run_has_a_panel_of_its_own(hac, scripted):
-    steps = report_figures(*parts(hac, scripted), [{}, {}])[1].plots[0]
-    assert [chart.title for chart in steps.charts] == ["hac-seed1", "scripted"]
-    total = [sum(bar.top - bar.bottom for bar in bars(chart)) for chart in steps.charts]
-    assert total == pytest.approx([100, 100])
