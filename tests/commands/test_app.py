@@ -70,16 +70,6 @@ def test_an_option_given_twice_ends_a_command_before_it_does_anything(tmp_path, 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_shell_can_complete_it(tmp_path):
-    """The shell is the one that started the command: bash stays, because it has more to do."""
-    command = f"{shlex.join(COMMAND)} --show-completion && true"
-    done = subprocess.run(
-        ["bash", "-c", command], check=False, cwd=tmp_path, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert "complete" in done.stdout
-
-
 @pytest.mark.parametrize(
     ("streams", "code", "notes"),
     [
