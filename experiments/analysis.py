@@ -15,6 +15,7 @@ import pandas as pd
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, finished_cells, read_design
+from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS, Estimate, over_seeds
@@ -46,8 +47,8 @@ SEEDS_NOTE = (
 )
 EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
 CONDITIONS_NOTE = (
-    "Without a sense: it stays as it is at the reset, a combination that no training contains. "
-    "Change: the value less that of the same policy in the same episodes under standard "
+    "Without a sense: it stays as it is at the reset, which the policy's own training does not "
+    "contain. Change: the value less that of the same policy in the same episodes under standard "
     "conditions, paired by episode. The standard row is of all episodes."
 )
 
@@ -87,7 +88,8 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
         directory: Where the CSV files are.
     """
     estimates, trainings = (read_rows(directory, name) for name in ("estimates", "trainings"))
-    changes = changes_of(read_rows(directory, "episodes"))
+    episodes = read_rows(directory, "episodes")
+    changes = changes_of(episodes)
     joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
     judged = judge_claims(design.get("claims", []), _claimed_values(design, estimates))
     state = f"{len(finished_cells(directory))} of {len(cells_of(design))} trainings"
@@ -98,7 +100,7 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
         _over_seeds("Table 4", joined, "table4", TABLE4, _learned(estimates)),
         _over_seeds("Novel shapes", joined, "novel-shapes", gaps, {}),
         _training_seeds(estimates),
-        _conditions(joined),
+        _conditions(joined, episodes),
         _trainings(trainings),
     ):
         lines += section
@@ -243,7 +245,7 @@ def _training_seeds(estimates: pd.DataFrame) -> Iterator[str]:
     yield from _notes(EPISODES_NOTE)
 
 
-def _conditions(joined: pd.DataFrame) -> Iterator[str]:
+def _conditions(joined: pd.DataFrame, episodes: pd.DataFrame) -> Iterator[str]:
     """Yield the table of what ranks a task under each condition, and what the condition changes."""
     main = joined[joined["suite"] == "table4"]
     changed = main[main["conditions"] != ""]
@@ -261,7 +263,24 @@ def _conditions(joined: pd.DataFrame) -> Iterator[str]:
     if rows:
         yield from ("", "## Other conditions")
         yield from table_lines(["Task", "Condition", "Metric", *methods], rows, 3)
-        yield from _notes(CONDITIONS_NOTE, SEEDS_NOTE)
+        yield from _notes(CONDITIONS_NOTE, *_silent_note(episodes), SEEDS_NOTE)
+
+
+def _silent_note(episodes: pd.DataFrame) -> Iterator[str]:
+    """Say how often the forces of another episode had ended, if there are such rows."""
+    main = episodes[(episodes["role"] == "final") & (episodes["suite"] == "table4")]
+    lengths = main[main["conditions"] == ""].set_index([*KEY, "index"])["steps"]
+    others = main[main["conditions"] == WORDS["other"]]
+    if others.empty:
+        return
+    count = others["index"].max() + 1
+    before = others[[*KEY, "index"]].assign(index=(others["index"] - 1) % count)
+    donors = lengths[pd.MultiIndex.from_frame(before)].to_numpy()
+    silent = (others["steps"] - donors).clip(lower=0).sum()
+    yield (
+        "Forces of another episode: of the same control step; 0 N after its end, in "
+        f"{silent / others['steps'].sum():.2f} of the control steps."
+    )
 
 
 def _claims(design: Mapping[str, Any], judged: pd.DataFrame) -> Iterator[str]:

@@ -256,7 +256,9 @@ def main() -> None:
     parser.add_argument("design", type=Path)
     parser.add_argument("--output", type=Path, help="default: reports/studies/NAME")
     parser.add_argument("--workers", type=int, default=1, help="cells at a time, a core each")
-    parser.add_argument("--only", nargs="+", default=["*"], help="cells, as in 'pushing-hac-*'")
+    parser.add_argument(
+        "--only", nargs="+", default=["*"], help="cells, as in 'pushing-hac-[0-9]*'"
+    )
     given = parser.parse_args()
     output = given.output or Path("reports/studies") / given.design.stem
     sys.exit(1 if run_grid(given.design, output, given.workers, given.only) else 0)

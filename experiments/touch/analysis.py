@@ -5,7 +5,9 @@ Every value is the mean of one training seed's official episodes. The same rows 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -37,33 +39,52 @@ Sides = Sequence[Sequence[np.ndarray]]
 """The better arm's and the worse arm's seeds' values, task by task."""
 
 COLUMNS = [
-    "claim", "task", "verdict", "better_mean", "worse_mean", "p", "p_reversed", "detectable",
+    "claim", "task", "better_mean", "worse_mean", "detectable", "p", "p_reversed", "verdict",
 ]  # fmt: skip
-UNDECIDED, UNTRAINED = "not decided", "not trained"
+CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "not decided"
+WAITING = "waits for trainings"
 
 NOTES = (
-    "One-sided exact permutation tests of the sum of differences of means, stratified by task: "
-    "within each task every division of the seeds' values between the two arms counts once. p: "
-    "adjusted by Holm's method over the pooled claims; a single task is tested, with Holm's method "
-    "over its claim's tasks, only where the pooled claim is decided, and in its direction.",
-    "A claim is judged once every training of both arms is finished. The correction counts the "
-    "claims that are not trained yet: a decided one stays decided when they are.",
-    f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction.",
+    "One-sided exact permutation tests of the sum over tasks of differences of means: within each "
+    "task every division of the seeds' values between the two arms counts once. One task alone can "
+    "decide the sum. *Explores* includes the touch share in Playing, which is close to what HaC is "
+    "paid for.",
+    "p: adjusted by Holm's method over all claims; one that waits for trainings counts as 1. So p "
+    "can only fall when more arms are finished: a decided claim stays decided, another can still "
+    "become so. A single task is tested only inside a decided claim, in its direction, with Holm's "
+    "method over the claim's tasks: 5 % holds within a claim, not over all single tasks.",
+    f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction. "
+    "The chance of any false claim is at most 5 % for each of the two words, where equal arms have "
+    "equal distributions; where an arm fails in some seeds no bound is known.",
     f"Detectable: the common difference that {100 * POWER:.0f} % of such studies show at the "
-    "strictest level of the correction, if seeds vary as here (normal values, simulated).",
+    "strictest level of the correction, if seeds vary as here (normal values, simulated); a dash "
+    "where an arm does not vary, or the worse one leaves no room for it.",
+    "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
+    "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
+    "[explores less than random actions](../../results/notebook.md#is-the-learner-right). An arm "
+    "without forces lacks them in both phases, so *to act* includes what felt forces do for "
+    "exploration.",
+    "In the task phase a weight that falls to 0 at its end holds the policy near the exploration "
+    "policy, so poor exploration costs success too. Settings and lengths were chosen with `hac`.",
+    "The tests were written before the design was locked, and are not part of it. Since then the "
+    "code judges a claim as soon as both of its arms are finished, tests a single task in the "
+    "direction of its claim, and leaves out a detectable difference that cannot be.",
 )
 
 NUMBER_NOTE = (
-    "Success (touch share in Playing) of `hac` less that of `rnd-no-forces`, which has no touch at "
-    "all, with 95 % intervals over training seeds (Student's t). The two parts add up to it: each "
-    "is the mean of the two comparisons that differ in its role alone (Shapley's division)."
+    "Success (touch share in Playing) of `hac` less that of `rnd-no-forces`, with 95 % intervals "
+    "over training seeds: Student's t, seeds taken as independent between arms, not corrected for "
+    "the number of intervals, too narrow where few seeds fail. The two parts add up to it: HaC's "
+    "curiosity in place of RND's (exploring), and forces that are felt in both phases (acting). "
+    "Each is the mean of the two comparisons that differ in it alone (Shapley's division)."
 )
 
-FACTORS = {
-    "exploring": (("hac", "rnd"), ("hac-no-forces", "rnd-no-forces")),
-    "acting": (("hac", "hac-no-forces"), ("rnd", "rnd-no-forces")),
+PARTS: Mapping[str, Mapping[str, float]] = {
+    "all of touch": {"hac": 1.0, "rnd-no-forces": -1.0},
+    "for exploring": {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
+    "for acting": {"hac": 0.5, "hac-no-forces": -0.5, "rnd": 0.5, "rnd-no-forces": -0.5},
 }
-"""The arms with and without touch in one role; in the other role they differ alike."""
+"""The touch number and its two parts, which add up to it: the weight of each arm."""
 
 
 def stratified_p(better: Sequence[np.ndarray], worse: Sequence[np.ndarray]) -> float:
@@ -103,8 +124,9 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
         values: Those of the finished arms.
 
     Returns:
-        A row per pooled claim, and below it one per task: claim, task ("" where pooled), the means
-        of both arms over tasks and seeds, p, p_reversed (adjusted), detectable, verdict. A claim
+        A row of COLUMNS per pooled claim, and below it one per task ("" where pooled): the means
+        of both arms over tasks and seeds, the detectable difference, the adjusted p-values of the
+        claim and of its reverse, NaN for the tasks of an undecided claim, and the verdict. A claim
         about an arm that is not finished has one row, without numbers.
     """
     arms = {arm for arm, _, _ in values}
@@ -117,26 +139,21 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
         if {claim["better"], claim["worse"]} <= arms
     }
     adjusted = dict(zip(sides, _adjusted([*sides.values()], len(claims)), strict=True))
-    rows: list[dict[str, Any]] = []
+    rows: list[list[Any]] = []
     for number, claim in enumerate(claims):
         if number not in sides:
-            rows.append({"claim": number, "task": "", "verdict": UNTRAINED})
+            rows.append([number + 1, "", *[np.nan] * 5, WAITING])
             continue
         pooled, p_values = sides[number], adjusted[number]
         verdict = _verdict(p_values)
-        rows.append(
-            {"claim": number, "task": "", "verdict": verdict}
-            | _numbers(pooled, p_values, len(claims))
-        )
+        rows.append([number + 1, "", *_numbers(pooled, len(claims)), *p_values, verdict])
         singles = [[[one], [other]] for one, other in zip(*pooled, strict=True)]
         for task, single, p_single in zip(
             claim["measure"], singles, _adjusted(singles, len(singles)), strict=True
         ):
-            is_alike = _verdict(p_single) == verdict
-            rows.append(
-                {"claim": number, "task": task, "verdict": verdict if is_alike else UNDECIDED}
-                | _numbers(single, p_single, len(singles))
-            )
+            tested = p_single if verdict != UNDECIDED else (np.nan, np.nan)
+            alike = verdict if _verdict(p_single) == verdict else UNDECIDED
+            rows.append([number + 1, task, *_numbers(single, len(singles)), *tested, alike])
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -153,26 +170,26 @@ def _adjusted(sides: Sequence[Sides], family: int) -> list[tuple[float, float]]:
 
 def _verdict(p_values: tuple[float, float]) -> str:
     p, p_reversed = p_values
-    return "confirmed" if p <= ALPHA else "contradicted" if p_reversed <= ALPHA else UNDECIDED
+    return CONFIRMED if p <= ALPHA else CONTRADICTED if p_reversed <= ALPHA else UNDECIDED
 
 
-def _numbers(sides: Sides, p_values: tuple[float, float], family: int) -> dict[str, float]:
+def _numbers(sides: Sides, family: int) -> tuple[float, float, float]:
     better, worse = (float(np.mean([one.mean() for one in side])) for side in sides)
-    return {
-        "better_mean": better, "worse_mean": worse, "p": p_values[0], "p_reversed": p_values[1],
-        "detectable": detectable(*sides, ALPHA / family),
-    }  # fmt: skip
+    return better, worse, detectable(*sides, ALPHA / family)
 
 
 def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level: float) -> float:
     """Return the difference, the same in every task, that the test shows with a chance of POWER.
 
-    The permutation distribution is taken as normal, with its exact variance.
+    The permutation distribution is taken as normal, with its exact variance. NaN where values do
+    not vary, or where the worse arm's mean leaves no room for the difference below 1.
     """
     rng = np.random.default_rng(0)
     pairs = [*zip(better, worse, strict=True)]
     seeds = len(pairs[0][0])
     spreads = [np.sqrt((one.var(ddof=1) + two.var(ddof=1)) / 2) for one, two in pairs]
+    if not all(spreads):
+        return np.nan
     drawn = rng.standard_normal((SIMULATED, len(pairs), 2, seeds)) * np.reshape(
         spreads, (1, -1, 1, 1)
     )
@@ -185,32 +202,29 @@ def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level:
         reached = difference / np.maximum(deviation, 1e-12) >= scipy.stats.norm.isf(level)
         return float(reached.mean()) - POWER
 
-    return float(scipy.optimize.bisect(excess, 0.0, 1.0, xtol=1e-4)) if excess(1.0) > 0 else np.nan
+    room = 1.0 - max(float(one.mean()) for one in worse)
+    return (
+        float(scipy.optimize.bisect(excess, 0.0, room, xtol=1e-4)) if excess(room) > 0 else np.nan
+    )
 
 
-def touch_number(values: Values, task: str, metric: str) -> dict[str, tuple[float, float, float]]:
-    """Return what touch is worth in a task: all of it, and the parts of exploring and acting.
+def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
+    """Return what touch is worth in each task: all of it, and the parts of exploring and acting.
 
-    "all" is the mean of ``hac`` less that of the arm without any touch. Each part is the mean of
-    its two comparisons in FACTORS (Shapley's division), so that both add up to all. Values with
-    95 % intervals over training seeds: Student's t, Welch-Satterthwaite degrees of freedom. What
-    needs an arm that is not finished is left out.
+    Args:
+        measures: The metric of each task.
+        values: Those of the finished arms; what needs another arm is left out.
+
+    Returns:
+        A row per task and part of PARTS: task, metric, part, value, low, high. 95 % intervals over
+        training seeds: Student's t, Welch-Satterthwaite degrees of freedom; NaN without variation.
     """
-    parts = {name: _contrast(pairs, 0.5) for name, pairs in FACTORS.items()}
-    weights = {"all": _contrast((("hac", "rnd-no-forces"),), 1.0), **parts}
-    return {
-        name: _interval([(weight, values[arm, task, metric]) for arm, weight in of_arm.items()])
-        for name, of_arm in weights.items()
-        if all((arm, task, metric) in values for arm in of_arm)
-    }
-
-
-def _contrast(pairs: Sequence[tuple[str, str]], share: float) -> dict[str, float]:
-    weights: dict[str, float] = {}
-    for arms in pairs:
-        for arm, sign in zip(arms, (share, -share), strict=True):
-            weights[arm] = weights.get(arm, 0.0) + sign
-    return weights
+    rows = []
+    for (task, metric), (part, weights) in product(measures.items(), PARTS.items()):
+        if all((arm, task, metric) in values for arm in weights):
+            seeds = [(weight, values[arm, task, metric]) for arm, weight in weights.items()]
+            rows.append((task, metric, part, *_interval(seeds)))
+    return pd.DataFrame(rows, columns=["task", "metric", "part", "value", "low", "high"])
 
 
 def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, float, float]:
@@ -218,7 +232,7 @@ def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, floa
     parts = [(weight**2 * seeds.var(ddof=1) / len(seeds), len(seeds)) for weight, seeds in weighted]
     variance = sum(part for part, _ in parts)
     if not variance:
-        return value, value, value
+        return value, np.nan, np.nan
     freedom = variance**2 / sum(part**2 / (count - 1) for part, count in parts)
     half = float(scipy.stats.t.ppf(1 - ALPHA / 2, freedom) * variance**0.5)
     return value, value - half, value + half
@@ -236,90 +250,85 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
     }
 
 
-def report(design: Mapping[str, Any], directory: Path) -> tuple[str, pd.DataFrame]:
-    """Return the claims and the touch number as a page of Markdown, and the judged claims."""
+@dataclass(frozen=True)
+class TouchResults:
+    """What the study shows: its page in Markdown, the judged claims, the touch numbers."""
+
+    page: str
+    judged: pd.DataFrame
+    numbers: pd.DataFrame
+
+
+def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
+    """Make the results of the study from its stored rows."""
     values = values_of(design, directory)
-    judged = judge_pooled(design["pooled"], values)
+    judged = judge_pooled(design["pooled"], values).round(12)
+    numbers = touch_numbers(design["touch_number"], values)
     cells, seeds = {*cells_of(design)}, len(design["seeds"])
     state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
     arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
     lines = ["# What is touch for?", "", f"{state}. Arms with all {seeds} seeds: {arms}.", ""]
-    lines += [*_claim_lines(design, judged), *_number_lines(design, values)]
-    return "\n".join(lines) + "\n", judged
+    lines += [*_claim_lines(design, judged), *_number_lines(design, numbers)]
+    return TouchResults("\n".join(lines) + "\n", judged, numbers)
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
     rows = []
-    for row in judged.itertuples():
-        claim = design["pooled"][row.claim]
-        p = row.p_reversed if row.verdict == "contradicted" else row.p
-        arms = f"{claim['better']} \\> {claim['worse']}"
-        if row.verdict == UNTRAINED:
-            rows.append([claim["name"], arms, *[ABSENT] * 3, UNTRAINED])
-            continue
-        rows.append(
-            [
-                claim["name"] if not row.task else f"&emsp;{task_title(row.task)}",
-                arms,
-                f"{row.better_mean:.3f}, {row.worse_mean:.3f}",
-                ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
-                f"{p:.4f}" if p >= 0.0001 else "< 0.0001",
-                row.verdict,
-            ]
-        )
+    for number, group in judged.groupby("claim"):
+        claim, decided = design["pooled"][int(number) - 1], group["verdict"].iloc[0]
+        for row in group.itertuples():
+            p = row.p_reversed if decided == CONTRADICTED else row.p
+            name = f"&emsp;{task_title(row.task)}" if row.task else claim["name"]
+            means = f"{row.better_mean:.3f}, {row.worse_mean:.3f}"
+            rows.append(
+                [
+                    name,
+                    f"{claim['better']} \\> {claim['worse']}",
+                    ABSENT if row.verdict == WAITING else means,
+                    ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
+                    ABSENT if np.isnan(p) else f"{p:.4f}" if p >= 0.0001 else "< 0.0001",
+                    row.verdict,
+                ]
+            )
     heads = ["Claim", "Arms", "Means over seeds and tasks", "Detectable", "p", "Verdict"]
     notes = ["", *(f"- {note}" for note in NOTES)]
     return ["## Claims", *table_lines(heads, rows, 2), *notes, ""]
 
 
-def _number_lines(design: Mapping[str, Any], values: Values) -> list[str]:
-    rows = []
-    for task, metric in design["touch_number"].items():
-        parts = touch_number(values, task, metric)
-        cells = [
-            f"{parts[part][0]:+.3f} [{parts[part][1]:+.3f}, {parts[part][2]:+.3f}]"
-            if part in parts
-            else ABSENT
-            for part in PARTS
-        ]
-        rows.append([task_title(task), METRICS[metric].label, *cells])
-    heads = ["Task", "Metric", "All of touch", "of it for exploring", "of it for acting"]
-    picture = "![With touch minus without, with 95 % intervals](figures/touch-number.svg)"
-    return [
-        "## The touch number",
-        *table_lines(heads, rows, 2),
-        "",
-        f"- {NUMBER_NOTE}",
-        "",
-        picture,
-    ]
-
-
-PARTS = {"all": "all of touch", "exploring": "for exploring", "acting": "for acting"}
-
-
-def draw_number(design: Mapping[str, Any], values: Values, file: Path) -> None:
-    """Draw the touch number of each task and its two parts, with their intervals."""
-    drawn = [
-        (task, metric, touch_number(values, task, metric))
+def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]:
+    shown = {
+        (row.task, row.part): f"{row.value:+.3f} [{row.low:+.3f}, {row.high:+.3f}]"
+        for row in numbers.itertuples()
+    }
+    rows = [
+        [task_title(task), METRICS[metric].label, *(shown.get((task, p), ABSENT) for p in PARTS)]
         for task, metric in design["touch_number"].items()
     ]
+    table = table_lines(["Task", "Metric", *PARTS], rows, 2)
+    lines = ["## The touch number", *table, "", f"- {NUMBER_NOTE}"]
+    if len(numbers):
+        lines += ["", "![With touch minus without, 95 % intervals](figures/touch-number.svg)"]
+    return lines
+
+
+def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
+    """Draw the touch number of each task and its two parts, with their intervals."""
+    parts, tasks = [*PARTS], [rows for _, rows in numbers.groupby("task", sort=False)]
     with mpl.rc_context(SAME_BYTES):
         figure, every = plt.subplots(
-            1, len(drawn), figsize=(2.9 * len(drawn), 2.2), sharey=True, layout="constrained"
-        )
-        for axes, (task, metric, parts) in zip(every, drawn, strict=True):
+            1, len(tasks), figsize=(2.9 * len(tasks), 2.2), sharey=True, squeeze=False,
+            layout="constrained",
+        )  # fmt: skip
+        for axes, rows in zip(every[0], tasks, strict=True):
             axes.axvline(0.0, color="gray", linewidth=0.8)
-            for place, part in enumerate(PARTS):
-                if part in parts:
-                    value, low, high = parts[part]
-                    axes.plot([low, high], [place] * 2, color=COLORS[place], linewidth=2)
-                    axes.plot(value, place, "o", color=COLORS[place])
-            axes.set(
-                title=f"{task_title(task)}: {METRICS[metric].label.lower()}", xlim=(-1.05, 1.05)
-            )
-            axes.set(xlabel="with touch minus without", ylim=(len(PARTS) - 0.5, -0.5))
-            axes.set_yticks(range(len(PARTS)), PARTS.values())
+            for row in rows.itertuples():
+                place = parts.index(row.part)
+                axes.plot([row.low, row.high], [place] * 2, color=COLORS[place], linewidth=2)
+                axes.plot(row.value, place, "o", color=COLORS[place])
+            title = f"{task_title(row.task)}: {METRICS[row.metric].label.lower()}"
+            axes.set(title=title, xlabel="with touch minus without", xlim=(-1.05, 1.05))
+            axes.set_yticks(range(len(parts)), parts)
+            axes.set_ylim(len(parts) - 0.5, -0.5)
         figure.savefig(file, metadata={"Date": None, "Creator": None})
         plt.close(figure)
 
@@ -328,11 +337,12 @@ def main() -> None:
     """Write the tables and figures of the study from its stored rows."""
     design, directory = read_design(DESIGN), STUDIES / "touch"
     check_lock(design, directory)
-    page, judged = report(design, directory)
-    judged.to_csv(directory / "pooled.csv", index=False)
+    results = analyze_touch(design, directory)
+    (directory / "touch.md").write_text(results.page, encoding="utf-8")
+    results.judged.to_csv(directory / "pooled.csv", index=False)
     write_results(design, directory)
-    (directory / "touch.md").write_text(page, encoding="utf-8")
-    draw_number(design, values_of(design, directory), directory / "figures" / "touch-number.svg")
+    if len(results.numbers):
+        draw_numbers(results.numbers, directory / "figures" / "touch-number.svg")
 
 
 if __name__ == "__main__":

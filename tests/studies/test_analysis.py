@@ -44,10 +44,10 @@ def test_stored_estimates_are_means_of_stored_episodes(name):
 
 
 def test_the_page_about_touch_follows_from_the_stored_rows():
-    page, _ = touch.report(read_design(touch.DESIGN), STUDIES / "touch")
-    assert page == (STUDIES / "touch" / "touch.md").read_text(), (
-        "python -m experiments.touch.analysis"
-    )
+    stored = STUDIES / "touch"
+    results = touch.analyze_touch(read_design(touch.DESIGN), stored)
+    assert results.page == (stored / "touch.md").read_text(), "python -m experiments.touch.analysis"
+    assert results.judged.to_csv(index=False) == (stored / "pooled.csv").read_text()
 
 
 def test_results_are_written_beside_the_rows(tmp_path):

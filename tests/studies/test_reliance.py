@@ -1,54 +1,51 @@
 """A policy with other forces than its own, in the real simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
-from experiments.reliance import play
-from minitouch_bench.episode import EpisodeSpec, Role
+import minitouch_bench as mt
+from experiments.reliance import WORDS, OtherForces, reliance_rows
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.simulation.observation import FORCES
-from minitouch_bench.tasks.environment import MiniTouchEnv
-
-SPECS = [EpisodeSpec(Role.FINAL, "opening", index, seed=index) for index in range(3)]
 
 
 class AtRandom:
-    """Acts at random in the scene's own way, and keeps the forces that it is given."""
+    """Acts at random, and keeps the forces that it is given."""
 
     def reset(self, seed, task):
-        self.given = []
-        EPISODES.append(self.given)
-        self._rng = np.random.default_rng(len(EPISODES) % 3)
+        self.given, self._rng = [], np.random.default_rng(seed)
 
     def act(self, observation):
         self.given.append(observation["touch"][FORCES].copy())
         return self._rng.uniform(-1.0, 1.0, 5).astype(np.float32)
 
 
-EPISODES = []
+@pytest.mark.parametrize(
+    ("forces", "expected"), [(None, [0, 0, 1, 2]), ({7: [5, 6]}, [5, 6, 0, 0])]
+)
+def test_late_forces_are_those_of_the_step_before_and_listed_ones_end_in_none(forces, expected):
+    policy = AtRandom()
+    listed = forces and {7: np.array([np.full(6, force) for force in forces[7]], np.float32)}
+    changed = OtherForces(policy, listed)
+    changed.reset(7, "opening")
+    for force in range(4):
+        observation = {"image": None, "touch": np.full(11, force, np.float32)}
+        changed.act(observation)
+        assert (observation["touch"] == force).all()
+    assert [given.tolist() for given in policy.given] == [[force] * 6 for force in expected]
 
 
-@pytest.fixture
-def world():
-    environment = MiniTouchEnv("opening", max_steps=60)
-    yield environment
-    environment.close()
-
-
-def test_late_forces_are_those_of_the_step_before(world):
-    EPISODES.clear()
-    played = play(AtRandom(), world, SPECS, "late")
-    assert any(np.any(episode.trace.touch[:, FORCES]) for episode in played)
-    for given, episode in zip(EPISODES, played, strict=True):
-        felt = episode.trace.touch[:-1, FORCES]
-        np.testing.assert_array_equal(given, [felt[0], *felt[:-1]])
-
-
-def test_other_forces_are_those_of_another_episode_and_then_none(world):
-    EPISODES.clear()
-    played = play(AtRandom(), world, SPECS, "other")
-    assert len(EPISODES) == 6  # each is played undisturbed first
-    felt = [episode.trace.touch[:, FORCES] for episode in played]
-    for given, other in zip(EPISODES[3:], [felt[-1], *felt[:-1]], strict=True):
-        most = min(len(given), len(other))
-        np.testing.assert_array_equal(given[:most], other[:most])
-        assert not np.any(given[most:])
+def test_a_finished_policy_plays_its_episodes_again_with_other_forces(tmp_path):
+    torch.manual_seed(1)
+    file = tmp_path / "final.safetensors"
+    save_native(TouchActor(action_size=5), file)
+    run = mt.evaluate(str(file), tasks=["opening"], episodes=2, workers=1)
+    rows = reliance_rows(file, run, {"episodes": 2, "forces": [*WORDS]})
+    assert rows["estimates"]["conditions"].tolist() == [*WORDS.values()]
+    assert rows["episodes"]["index"].tolist() == [0, 1, 0, 1]
+    with pytest.raises(RuntimeError, match="again"):
+        reliance_rows(file, replace(run, rows=run.rows[::-1]), {"episodes": 2, "forces": []})

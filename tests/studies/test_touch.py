@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from experiments.grid import check_lock, read_design
-from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_number
+from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_numbers
 
 ROOT = Path(__file__).parents[2]
 RNG = np.random.default_rng(5)
@@ -46,8 +46,9 @@ def known(**means):
 
 def test_single_tasks_are_decided_only_inside_a_decided_claim():
     judged = judge_pooled(CLAIMS, known(hac=0.8, rnd=0.4, sac=0.4)).set_index(["claim", "task"])
-    assert {*judged.loc[0, "verdict"]} == {"confirmed"}
-    assert {*judged.loc[1, "verdict"]} == {"not decided"}
+    assert {*judged.loc[1, "verdict"]} == {"confirmed"}
+    assert {*judged.loc[2, "verdict"]} == {"not decided"}
+    assert judged["p"].isna().tolist() == [False] * 4 + [True] * 2
     values = known(hac=0.4, rnd=0.8, sac=0.8)
     values["rnd", "pushing", "success"] = values["hac", "pushing", "success"]
     judged = judge_pooled(CLAIMS[:1], values).set_index("task")["verdict"]
@@ -62,8 +63,8 @@ def test_a_claim_that_is_judged_before_others_are_trained_keeps_its_verdict():
     values = known(hac=0.8, rnd=0.4, sac=0.4)
     early = {key: seeds for key, seeds in values.items() if key[0] != "sac"}
     first, last = (judge_pooled(CLAIMS, some) for some in (early, values))
-    assert [*first[first["claim"] == 1]["verdict"]] == ["not trained"]
-    decided, later = (one[one["claim"] == 0].reset_index(drop=True) for one in (first, last))
+    assert [*first[first["claim"] == 2]["verdict"]] == ["waits for trainings"]
+    decided, later = (one[one["claim"] == 1].reset_index(drop=True) for one in (first, last))
     assert [*decided["verdict"]] == [*later["verdict"]] == ["confirmed"] * 3
     assert (decided["p"] >= later["p"]).all()
 
@@ -87,13 +88,13 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
         (arm, "pushing", "success"): mean + np.linspace(-0.07, 0.07, 8)
         for arm, mean in means.items()
     }
-    parts = touch_number(values, "pushing", "success")
-    assert [parts[name][0] for name in ("all", "exploring", "acting")] == pytest.approx(
-        [0.6, 0.45, 0.15]
-    )
-    _, low, high = parts["all"]  # Student's t with 14 degrees of freedom
+    numbers = touch_numbers({"pushing": "success"}, values).set_index("part")
+    assert [*numbers["value"]] == pytest.approx([0.6, 0.45, 0.15])
+    all_of_it = numbers.loc["all of touch"]  # Student's t with 14 degrees of freedom
     deviation = np.linspace(-0.07, 0.07, 8).std(ddof=1)
-    assert high - low == pytest.approx(2 * 2.1448 * deviation * (2 / 8) ** 0.5, rel=1e-3)
+    assert all_of_it["high"] - all_of_it["low"] == pytest.approx(
+        2 * 2.1448 * deviation * (2 / 8) ** 0.5, rel=1e-3
+    )
 
 
 def test_a_locked_design_may_not_change(tmp_path):
