@@ -65,6 +65,7 @@ def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
     assert run.directory is None
     assert run.faults == {}
     assert repr(run) == "<Run of Counter on smoke, unofficial: opening>"
+    assert "opening/1" in run.replay("opening/1").title
     assert policy.acts == 0
 
 
@@ -251,7 +252,7 @@ def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
     command = [sys.executable, "-W", "error", "page.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "opening/0 step_limit" in done.stdout
+    assert "Episodes to resolve" in done.stdout
     assert (tmp_path / "reports" / "first" / "report.html").exists()
 
 

@@ -5,7 +5,7 @@ Everything people look at is a view of it, and every check works on it.
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -153,7 +153,8 @@ class Run:
     ``run["pushing"]`` contains the estimates of a task, ``run["pushing"].success`` one of them.
     ``rows`` and ``exploration_rows``: what was measured in each episode, in the suite's order.
     ``name`` is what the run is called, usually its directory's. ``directory``: None in memory only.
-    ``content``: bytes of ``run.json``, if it was read from a file. Other fields: ``RunDocument``.
+    ``content``: bytes of ``run.json``, if it was read from a file. ``in_memory``: the actions of a
+    run without a directory, by episode. Other fields: ``RunDocument``.
     """
 
     digest: str
@@ -166,6 +167,7 @@ class Run:
     name: str
     directory: Path | None = None
     content: bytes = b""
+    in_memory: Mapping[str, Actions] = field(default_factory=dict)
 
     @property
     def plan(self) -> Plan:
@@ -248,6 +250,8 @@ class Run:
         Raises:
             RunDirectoryError: the file is missing or damaged, or holds other episodes.
         """
+        if self.directory is None:
+            return self.in_memory
         return parse_actions(
             self.actions_content, self.header.specs(), str(self._path(files.ACTIONS_FILE))
         )
@@ -311,6 +315,7 @@ def make_run(
         exploration_rows=exploration,
         name=name,
         directory=directory,
+        in_memory={} if directory else {one.spec.key: one.trace.actions for one in records},
     )
 
 
