@@ -167,7 +167,7 @@ class Run:
     name: str
     directory: Path | None = None
     content: bytes = b""
-    in_memory: Mapping[str, Actions] = field(default_factory=dict)
+    in_memory: Mapping[str, Actions] = field(default_factory=dict, compare=False)
 
     @property
     def plan(self) -> Plan:
