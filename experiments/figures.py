@@ -1,5 +1,6 @@
 """The figures of an experiment: learning curves, the paper's Figures 9, 10 and 11, conditions."""
 
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product
@@ -186,9 +187,8 @@ def _conditions(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
         rows = part[(part["conditions"] == name) & (part["method"] == method)]
         at = row + 0.7 * ((turn + 0.5) / len(methods) - 0.5)
         _with_intervals(axes, [at] * len(rows), rows, styles[method])
-    labels = [(name or "standard").replace("without ", "without\n") for name in names]
-    labels = [label.replace(" gray levels", "").replace(" times", "") for label in labels]
-    axes.set_xticks(range(len(names)), labels)
+    short = [name.replace(" gray levels", "").replace(" times", "") for name in names]
+    axes.set_xticks(range(len(names)), [textwrap.fill(name or "standard", 12) for name in short])
     metric = METRICS[ranking_metric(part["task"].iloc[0])]
     axes.set(ylim=SHARE, ylabel=metric.label)
 
