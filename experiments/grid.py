@@ -88,14 +88,18 @@ def evaluations_of(design: Mapping[str, Any], cell: Cell) -> dict[str, dict[str,
     suites = in_task(design, cell.task).get("suites", ["table4"])
     asked = {suite: {"suite": suite, "episodes": design.get("episodes")} for suite in suites}
     for one in design.get("conditions", []):
-        if cell.task in one.get("tasks", [cell.task]) and cell.method in one.get(
-            "methods", [cell.method]
-        ):
+        if _is_asked(one, cell):
             changes = {key: one.get(key, []) for key in ("without", "perturb")}
             words = [f"{key}-{','.join(value)}" for key, value in changes.items() if value]
             name = "-".join([*words, str(one["episodes"])]).replace(":", "-to-")
             asked[name] = {**changes, "episodes": one["episodes"]}
     return asked
+
+
+def _is_asked(one: Mapping[str, Any], cell: Cell) -> bool:
+    """Tell whether a table of the design is about a cell; by default it is about all."""
+    is_task = cell.task in one.get("tasks", [cell.task])
+    return is_task and cell.method in one.get("methods", [cell.method])
 
 
 def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str, pd.DataFrame]:
@@ -125,7 +129,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
         runs.append(run)
     rows = rows_of(runs, place, design)
     asked = design.get("reliance")
-    if asked and cell.task in asked["tasks"] and cell.method in asked["methods"]:
+    if asked and _is_asked(asked, cell):
         for name, more in reliance_rows(final, runs[0], asked).items():
             rows[name] = pd.concat([rows[name], more])
     for frame in rows.values():

@@ -93,14 +93,14 @@ def reliance_rows(final: Path, run: mt.Run, asked: Mapping[str, Any]) -> dict[st
         Rows of ``episodes`` and ``estimates``, with the columns of the grid's, without its key.
 
     Raises:
-        RuntimeError: an undisturbed episode has other bits than in the run.
+        MiniTouchError: an undisturbed episode has other bits than in the run.
     """
     source = replace(parse_source(str(final)), content=final.read_bytes())
     felt = Changed(run.plan, source)
     specs = [spec for spec in run.header.specs() if spec.role is Role.FINAL][: asked["episodes"]]
     calm = [*LocalEngine(1).run(felt, specs)]
     if [measure(one).digest for one in calm] != [row.digest for row in run.rows[: len(specs)]]:
-        raise RuntimeError(f"{final} does not play the episodes of {run.header.policy.name} again")
+        raise mt.MiniTouchError(f"{final} does not play the episodes of {run.name} again")
     episodes, estimates = [], []
     for way in asked["forces"]:
         played = [measure(one) for one in play_changed(felt, specs, calm, way)]

@@ -153,8 +153,8 @@ class Run:
     ``run["pushing"]`` contains the estimates of a task, ``run["pushing"].success`` one of them.
     ``rows`` and ``exploration_rows``: what was measured in each episode, in the suite's order.
     ``name`` is what the run is called, usually its directory's. ``directory``: None in memory only.
-    ``content``: bytes of ``run.json``, if it was read from a file. ``in_memory``: the actions of a
-    run without a directory, by episode. Other fields: ``RunDocument``.
+    ``content``: bytes of ``run.json``, if it was read from a file. ``kept_actions``: those of a run
+    without a directory, by episode. Other fields: ``RunDocument``.
     """
 
     digest: str
@@ -167,7 +167,7 @@ class Run:
     name: str
     directory: Path | None = None
     content: bytes = b""
-    in_memory: Mapping[str, Actions] = field(default_factory=dict, compare=False)
+    kept_actions: Mapping[str, Actions] = field(default_factory=dict, compare=False)
 
     @property
     def plan(self) -> Plan:
@@ -251,7 +251,7 @@ class Run:
             RunDirectoryError: the file is missing or damaged, or holds other episodes.
         """
         if self.directory is None:
-            return self.in_memory
+            return self.kept_actions
         return parse_actions(
             self.actions_content, self.header.specs(), str(self._path(files.ACTIONS_FILE))
         )
@@ -315,7 +315,7 @@ def make_run(
         exploration_rows=exploration,
         name=name,
         directory=directory,
-        in_memory={} if directory else {one.spec.key: one.trace.actions for one in records},
+        kept_actions={} if directory else {one.spec.key: one.trace.actions for one in records},
     )
 
 

@@ -47,5 +47,5 @@ def test_a_finished_policy_plays_its_episodes_again_with_other_forces(tmp_path):
     rows = reliance_rows(file, run, {"episodes": 2, "forces": [*WORDS]})
     assert rows["estimates"]["conditions"].tolist() == [*WORDS.values()]
     assert rows["episodes"]["index"].tolist() == [0, 1, 0, 1]
-    with pytest.raises(RuntimeError, match="again"):
+    with pytest.raises(mt.MiniTouchError, match="again"):
         reliance_rows(file, replace(run, rows=run.rows[::-1]), {"episodes": 2, "forces": []})
