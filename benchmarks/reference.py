@@ -224,7 +224,7 @@ def training_settings() -> str:
         "and task phase, control steps: "
         + "; ".join(f"{task_title(t)} {a:,} + {b:,}" for t, (a, b) in PHASE_STEPS.items())
         + ".",
-        "```toml\n[task_phase]\nsteps = 85000\nupdates_per_step = 2.0\n```",
+        "```toml\n[task_phase]\nsteps = 40000\nupdates_per_step = 1.0\n```",
     ]
     columns = {f"`{name}`": preset for name, preset in presets.items()}
     parts += _settings("Top level", columns, leave_out="task")

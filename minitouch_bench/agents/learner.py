@@ -13,10 +13,16 @@ from torch import Tensor, nn
 
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity
+from minitouch_bench.agents.keypoints import KeypointModel
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.machine import processor_flags
-from minitouch_bench.policies.networks import FEATURES, TOUCH_SIZE, TouchActor, VisualEncoder
+from minitouch_bench.policies.networks import (
+    ARCHITECTURES,
+    TOUCH_SIZE,
+    KeypointActor,
+    TouchActor,
+)
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.protocol.spec import TaskSpec, Workspace
 from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION, SENSED_TOUCH
@@ -97,11 +103,16 @@ class Learner:
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         with _weights_drawn_from(config.seed):
+            self.keypoints = KeypointModel() if config.sac.keypoint_steps else None
             self.sac = Sac(sac, action_size=spec.action_size)
             self.curiosity: Curiosity | None = None
             if config.method != "sac":
                 self.curiosity = CURIOSITIES[config.method](curiosity, spec.action_size)
         _arrange(self.sac, device)
+        if self.keypoints is not None:
+            _arrange(self.keypoints, device)
+            self.keypoints.begin()
+        self.learns_keypoints = self.keypoints is not None
         if self.curiosity is not None:
             _arrange(self.curiosity, device)
             self.curiosity.begin()
@@ -115,6 +126,17 @@ class Learner:
     def phase(self) -> PhaseConfig:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
+
+    def keep_keypoints(self, replay: Replay) -> None:
+        """Learn the keypoints no further, and keep their coordinates in the memory."""
+        self.learns_keypoints = False
+        self.watch(replay)
+
+    def watch(self, replay: Replay) -> None:
+        """Encode what is new in the memory, once the keypoints are learned."""
+        keypoints = self.keypoints
+        if keypoints is not None and not self.learns_keypoints:
+            replay.encode(lambda image: keypoints.encode(image.to(self.device)))
 
     def begin_task_phase(self, replay: Replay) -> None:
         """Go on from the exploration's networks, on the task's reward.
@@ -141,6 +163,8 @@ class Learner:
         """Return a stochastic action, float32 (A,)."""
         image = torch.from_numpy(observation["image"])[None].to(self.device)
         touch = torch.from_numpy(observation["touch"])[None].to(self.device)
+        if self.keypoints is not None:
+            image = self.keypoints.encode(image)
         sensed = self._sensed(image, self.scale.scaled(touch))
         action = self.sac.act(*sensed, self.noise)[0]
         array: NDArray[np.float32] = action.cpu().numpy()
@@ -164,17 +188,24 @@ class Learner:
         Returns:
             The losses and other curves of the step, as scalars.
         """
-        batch = self._batch(replay)
-        if not self.exploring or self.curiosity is None:
+        batch, losses = self._batch(replay), dict[str, Tensor]()
+        if self.exploring and self.curiosity is not None:
+            errors = self.curiosity.update(batch)
+            reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
+            losses = {"curiosity_loss": errors.loss, "intrinsic_reward": reward.mean()}
+        else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-            return self.sac.update(
-                self._sensed_batch(batch), reward, self.noise, step, critics_only=critics_only
-            )
-        errors = self.curiosity.update(batch)
-        reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
-        losses = {"curiosity_loss": errors.loss, "intrinsic_reward": reward.mean()}
-        return losses | self.sac.update(self._sensed_batch(batch), reward, self.noise, step)
+        if self.keypoints is not None:
+            if self.learns_keypoints:
+                self.keypoints.update(batch.image[::2])
+                image, next_image = map(self.keypoints.encode, (batch.image, batch.next_image))
+            else:
+                image, next_image = batch.features, batch.next_features
+            batch = replace(batch, image=image, next_image=next_image)
+        return losses | self.sac.update(
+            self._sensed_batch(batch), reward, self.noise, step, critics_only=critics_only
+        )
 
     def _sensed_batch(self, batch: Batch) -> Batch:
         """Return the batch as actor and critics see it."""
@@ -185,7 +216,7 @@ class Learner:
         )
 
     def _sensed(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
-        """Return images and scaled touch with the senses that are left out at 0."""
+        """Return images, or features, and scaled touch with the senses that are left out at 0."""
         for sense in self.config.without:
             if sense == "vision":
                 image = torch.zeros_like(image)
@@ -215,12 +246,13 @@ class Learner:
         So a checkpoint of two bytes per weight is the policy that was evaluated. It ignores the
         senses that it learned without by its weights.
         """
-        learned = {
-            f"encoder.{name}": value for name, value in self.sac.encoder.state_dict().items()
-        } | self.sac.actor.state_dict()
-        encoder = VisualEncoder(self.config.sac.encoder_width)
-        actor = TouchActor(self.sac.action_size, encoder=encoder)
-        actor.load_state_dict(learned)
+        if self.keypoints is None:
+            architecture, encoder = TouchActor.architecture, self.sac.encoder
+        else:
+            architecture, encoder = KeypointActor.architecture, self.keypoints.encoder
+        learned = {f"encoder.{name}": value for name, value in encoder.state_dict().items()}
+        actor = ARCHITECTURES[architecture](self.sac.action_size, 1.0)
+        actor.load_state_dict(learned | self.sac.actor.state_dict())
         self._fold_constants(actor)
         return self.scale.to(torch.device("cpu")).fold_into(actor).half().float()
 
@@ -230,16 +262,18 @@ class Learner:
         weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
         for sense in self.config.without:
             if sense == "vision":
-                black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
-                bias.add_(weight[:, :FEATURES] @ actor.encoder(black)[0])
-                weight[:, :FEATURES] = 0.0
+                if self.keypoints is None:  # otherwise coordinates are 0, and not the image
+                    black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
+                    bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
+                weight[:, :-TOUCH_SIZE] = 0.0
             else:
-                weight[:, FEATURES:][:, SENSED_TOUCH[sense]] = 0.0
+                weight[:, -TOUCH_SIZE:][:, SENSED_TOUCH[sense]] = 0.0
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""
         state = {
             "exploring": self.exploring,
+            "learns_keypoints": self.learns_keypoints,
             "sac": self.sac.state_dict(),
             "optimizers": {n: o.state_dict() for n, o in self.sac.optimizers().items()},
             "noise": self.noise.get_state(),
@@ -247,11 +281,14 @@ class Learner:
         }
         if self.curiosity is not None:
             state |= self.curiosity.state()
+        if self.keypoints is not None:
+            state |= self.keypoints.state()
         return state
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned."""
         self.exploring = state["exploring"]
+        self.learns_keypoints = state["learns_keypoints"]
         self._begin_phase()
         self.sac.load_state_dict(state["sac"])
         for name, optimizer in self.sac.optimizers().items():
@@ -260,3 +297,5 @@ class Learner:
         self.rng.bit_generator.state = state["rng"]
         if self.curiosity is not None:
             self.curiosity.load_state(state)
+        if self.keypoints is not None:
+            self.keypoints.load_state(state)

@@ -16,21 +16,25 @@ COMPRESSION_LEVEL = 6
 PLAIN_ROWS = 65_536
 """How many of the newest images are kept unpacked, too: 0.46 GB, taken as they come."""
 
+ENCODED_AT_ONCE = 256
+"""Images."""
+
 SUCCESS_STEPS = 50
 """How many of the last steps before a success count as leading to it."""
 
-_COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last", "_led_to_success")
+_COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last", "_led_to_success", "_features")
 
 
 @dataclass(frozen=True)
 class Batch:
     """N transitions on the learner's device, ``n_step`` control steps long.
 
-    ``image``, ``next_image`` uint8 (N, 1, H, W); ``touch``, ``next_touch`` float32
-    (N, 11), as the environment gives them; ``action`` float32 (N, A); ``task_reward``
-    float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,), what a
-    value of the reached state counts; ``ended`` bool (N,), whether the episode ended there
-    for good; ``led_to_success`` bool (N,), whether a success followed within SUCCESS_STEPS.
+    ``image``, ``next_image`` uint8 (N, 1, H, W), or what SAC sees of them, float32 (N, F);
+    ``features``, ``next_features`` float32 (N, F), 0 where they are not encoded; ``touch``,
+    ``next_touch`` float32 (N, 11), as the environment gives them; ``action`` float32 (N, A);
+    ``task_reward`` float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,),
+    what a value of the reached state counts; ``ended`` bool (N,), whether the episode ended there
+    for good.
     """
 
     image: Tensor
@@ -41,7 +45,8 @@ class Batch:
     task_reward: Tensor
     discount: Tensor
     ended: Tensor
-    led_to_success: Tensor
+    features: Tensor
+    next_features: Tensor
 
 
 class Replay:
@@ -51,7 +56,9 @@ class Replay:
     numbered from the first ever added; the oldest leave when ``capacity`` is reached.
     """
 
-    def __init__(self, capacity: int, touch_size: int, action_size: int) -> None:
+    def __init__(
+        self, capacity: int, touch_size: int, action_size: int, features_size: int = 0
+    ) -> None:
         self.capacity = capacity
         self._images: list[bytes] = []
         self._plain = np.zeros(0, np.uint8)
@@ -61,6 +68,8 @@ class Replay:
         self._ended = np.zeros(0, np.bool_)
         self._last = np.zeros(0, np.bool_)
         self._led_to_success = np.zeros(0, np.bool_)
+        self._features = np.zeros((0, features_size), np.float32)
+        self._encoded = 0
         self._image_shape: tuple[int, ...] = ()
         self._episode_start = 0
         self.rows = 0
@@ -123,6 +132,19 @@ class Replay:
         self._led_to_success[row] = False
         self.rows += 1
 
+    def encode(self, encode: Callable[[Tensor], Tensor]) -> None:
+        """Keep the features of each image that has none yet.
+
+        ``encode`` maps images uint8 (N, 1, H, W) to features float32 (N, F). They are kept with
+        the images, because the same image can have other bits in a larger batch.
+        """
+        self._encoded = max(self._encoded, self.rows - len(self))
+        while self._encoded < self.rows:
+            rows = np.arange(self._encoded, min(self._encoded + ENCODED_AT_ONCE, self.rows))
+            features = encode(torch.from_numpy(self._unpacked(rows)))
+            self._features[rows % self.capacity] = features.numpy(force=True)
+            self._encoded += len(rows)
+
     def _keep_plain(self, row: int, image: NDArray[np.uint8]) -> None:
         if not len(self._plain):  # memory that is taken where it is written to
             self._plain = np.empty((min(self.capacity, PLAIN_ROWS), *image.shape), np.uint8)
@@ -164,7 +186,7 @@ class Replay:
             ended |= alive & self._ended[at]
             rows += alive
         now, then = starts % self.capacity, rows % self.capacity
-        both = torch.from_numpy(self._unpacked(np.concatenate((starts, rows)))).to(device)
+        both = _tensor(self._unpacked(np.concatenate((starts, rows))), device)
         return Batch(
             image=both[:size],
             touch=_tensor(self._touch[now], device),
@@ -174,7 +196,8 @@ class Replay:
             task_reward=_tensor(reward, device),
             discount=_tensor(factor, device),
             ended=_tensor(ended, device),
-            led_to_success=_tensor(self._led_to_success[now], device),
+            features=_tensor(self._features[now], device),
+            next_features=_tensor(self._features[then], device),
         )
 
     def _draw(self, rng: np.random.Generator, size: int) -> NDArray[np.int64]:
@@ -216,6 +239,7 @@ class Replay:
             "rows": self.rows,
             "episode_start": self._episode_start,
             "image_shape": self._image_shape,
+            "encoded": self._encoded,
             "lengths": torch.tensor([len(image) for image in self._images], dtype=torch.int32),
             **{name: torch.from_numpy(getattr(self, name)[:size]) for name in _COLUMNS},
         }
@@ -231,7 +255,7 @@ class Replay:
             ValueError, LookupError, zlib.error: the state or an image is damaged.
         """
         self.rows, self._episode_start = state["rows"], state["episode_start"]
-        self._image_shape = state["image_shape"]
+        self._image_shape, self._encoded = state["image_shape"], state["encoded"]
         for name in _COLUMNS:
             setattr(self, name, state[name].numpy().copy())
         lengths, end, size = state["lengths"].tolist(), 0, len(self)

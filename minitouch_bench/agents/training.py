@@ -22,7 +22,7 @@ from minitouch_bench.errors import InvalidActionError, RunDirectoryError
 from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
 from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
+from minitouch_bench.policies.networks import KEYPOINT_FEATURES, TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -164,7 +164,8 @@ class Training:
         self._callbacks = callbacks
         spec = environment.task.spec
         self._learner = Learner(config, spec, device)
-        self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size)
+        features = KEYPOINT_FEATURES if config.sac.keypoint_steps else 0
+        self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._tally = Tally()
         self._observation: Observation
@@ -198,12 +199,15 @@ class Training:
             if self._callbacks.should_stop():
                 self._save()
                 return False
+            if self.step == self.config.sac.keypoint_steps:
+                self._learner.keep_keypoints(self._replay)
             if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
                 self._begin_task_phase()
             if self._is_from_dataset:
                 self.step += 1
             else:
                 self._control_step()
+            self._learner.watch(self._replay)
             for _ in range(self._updates_due()):
                 self._tally.add_losses(self._learner.update(self._replay, self._phase_step))
             self._keep_records()

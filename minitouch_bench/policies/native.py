@@ -15,7 +15,12 @@ from torch import Tensor
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
-from minitouch_bench.policies.networks import ARCHITECTURES, TouchActor, VisualEncoder
+from minitouch_bench.policies.networks import (
+    ARCHITECTURES,
+    KeypointEncoder,
+    TouchActor,
+    VisualEncoder,
+)
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, PolicySource
 from minitouch_bench.protocol.spec import ACTION_SIZES
 
@@ -76,7 +81,7 @@ def as_array(action: Tensor) -> NDArray[Any]:
 
 def save_native(actor: TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint, weights in half precision where that is exact."""
-    assert isinstance(actor.encoder, VisualEncoder)
+    assert isinstance(actor.encoder, VisualEncoder | KeypointEncoder)
     form = PolicyMetadata(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
     tensors = {
         name: (half if torch.equal((half := value.half()).float(), value) else value).contiguous()
@@ -98,8 +103,7 @@ def load_native(source: PolicySource) -> NativePolicy:
     except (safetensors.SafetensorError, ValueError) as error:
         raise PolicyLoadError(f"it is damaged: {error}") from error
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
-        encoder = VisualEncoder(form.encoder_width)
-        actor = ARCHITECTURES[form.architecture](form.action_size, encoder=encoder)
+        actor = ARCHITECTURES[form.architecture](form.action_size, form.encoder_width)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
     given = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != given:

@@ -1,7 +1,7 @@
-"""The paper's networks: its visual encoder and the SAC actor on image and touch."""
+"""The actor on image and touch, and its two encoders: the paper's, and one that finds keypoints."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import reduce
 
 import torch
@@ -32,6 +32,23 @@ FEATURES = 256
 
 HIDDEN_UNITS = 128
 """Units in each of the actor's two hidden layers (supplement, Table 2)."""
+
+KEYPOINTS = 16
+"""Keypoints that the keypoint encoder finds in an image."""
+
+KEYPOINT_FEATURES = 2 * KEYPOINTS
+"""Coordinates of all keypoints."""
+
+KEYPOINT_STRIDE = 4
+"""Pixels between two places of a keypoint's map, as the first stride of Table 3."""
+
+KEYPOINT_CHANNELS = 16
+
+SOFTMAX_GAIN = 5.0
+"""Factor on a keypoint's map before its softmax, so that a new encoder's maps have peaks."""
+
+KEYPOINT_SCALE = 4.0
+"""What the border of the image counts as a coordinate; its middle is 0."""
 
 TOUCH_SIZE = PROTOCOL.observation.touch_size
 """Length of the touch vector (supplement, 7.3)."""
@@ -70,7 +87,10 @@ class ImageConvolutions(nn.Sequential):
             for x in (0, size)
         ]
         weight = _blocks(torch.cat(kernels) / brightest, size).permute(0, 3, 1, 2)
-        maps = functional.conv2d(_pixel_blocks(image), weight, first.bias.repeat(4), stride=2)
+        if image.dtype != torch.uint8:
+            image = image.bfloat16()
+        tiles = pixel_tiles(image).bfloat16().permute(0, 3, 1, 2)
+        maps = functional.conv2d(tiles, weight, first.bias.repeat(4), stride=2)
         weight = _blocks(second.weight, 2).permute(0, 3, 1, 2)
         maps = functional.conv2d(activation(maps), weight, second.bias)
         for layer in others:
@@ -78,14 +98,12 @@ class ImageConvolutions(nn.Sequential):
         return maps
 
 
-def _pixel_blocks(image: Tensor) -> Tensor:
-    """Return images (N, 1, H, W) as bfloat16 (N, 16, H / 4, W / 4), channels last."""
-    if image.dtype != torch.uint8:
-        image = image.bfloat16()
+def pixel_tiles(image: Tensor) -> Tensor:
+    """Return images (N, 1, H, W), uint8 or of two bytes a pixel, as (N, H / 4, W / 4, 16)."""
     fours = image.view(torch.int32 if image.dtype == torch.uint8 else torch.int64)
     count, _, height, width = fours.shape
     moved = fours.reshape(count, height // 4, 4, width).transpose(2, 3).contiguous()
-    return moved.view(image.dtype).bfloat16().permute(0, 3, 1, 2)
+    return moved.view(image.dtype)
 
 
 class TileConvolution(nn.Conv2d):
@@ -138,6 +156,49 @@ class VisualEncoder(nn.Module):
         return self.projection(maps.flatten(1))
 
 
+class KeypointEncoder(nn.Module):
+    """Map a gray image to the coordinates of keypoints (Finn et al. 2016).
+
+    Convolutions see windows of 16 x 16 pixels and give a map of 20 x 20 places per keypoint. Its
+    softmax says where the keypoint is; the mean place under it is the keypoint's coordinates.
+    Coordinates mean the same everywhere in the image, so a policy needs few scenes to learn from
+    them.
+    """
+
+    width = 1.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.windows = nn.Conv2d(KEYPOINT_STRIDE**2, KEYPOINT_CHANNELS, 2)
+        self.neighbors = nn.Conv2d(KEYPOINT_CHANNELS, KEYPOINT_CHANNELS, 3, padding=1)
+        self.maps = nn.Linear(KEYPOINT_CHANNELS, KEYPOINTS)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Return features float32 (N, 2 * KEYPOINTS) of images uint8 (N, 1, H, W)."""
+        tiles = gray_tiles(image).permute(0, 3, 1, 2)
+        hidden = functional.leaky_relu(self.windows(tiles))
+        hidden = functional.leaky_relu(self.neighbors(hidden)).permute(0, 2, 3, 1)
+        count, height, width, _ = hidden.shape
+        maps = SOFTMAX_GAIN * self.maps(hidden).flatten(1, 2).transpose(1, 2)
+        share = maps.softmax(dim=2).view(count, KEYPOINTS, height, width)
+        down = share.sum(dim=3) @ coordinates_along(height, image.device)
+        right = share.sum(dim=2) @ coordinates_along(width, image.device)
+        return torch.cat((down, right), dim=1)
+
+
+def gray_tiles(image: Tensor) -> Tensor:
+    """Return the gray levels, -0.5 to 0.5, of tiles of 4 x 4 pixels, float32 (N, H / 4, W / 4, 16).
+
+    Images are uint8 (N, 1, H, W).
+    """
+    return pixel_tiles(image).float() / BRIGHTEST - 0.5
+
+
+def coordinates_along(size: int, device: torch.device) -> Tensor:
+    """Return the coordinates of ``size`` places from one border of the image to the other."""
+    return torch.linspace(-KEYPOINT_SCALE, KEYPOINT_SCALE, size, device=device)
+
+
 class TouchActor(nn.Module):
     """Squashed Gaussian policy of SAC on image and touch (supplement, Table 2 and 3).
 
@@ -188,5 +249,22 @@ class TouchActor(nn.Module):
         return torch.tanh(mean + log_std.exp() * noise)
 
 
-ARCHITECTURES: Mapping[str, type[TouchActor]] = {TouchActor.architecture: TouchActor}
-"""Actors by architecture id."""
+class KeypointActor(TouchActor):
+    """The same on the coordinates of keypoints and touch."""
+
+    architecture = "keypoint-actor-v1"
+
+
+def _table3_actor(action_size: int, encoder_width: float) -> TouchActor:
+    return TouchActor(action_size, encoder=VisualEncoder(encoder_width))
+
+
+def _keypoint_actor(action_size: int, _encoder_width: float) -> TouchActor:
+    return KeypointActor(action_size, encoder=KeypointEncoder(), features=KEYPOINT_FEATURES)
+
+
+ARCHITECTURES: Mapping[str, Callable[[int, float], TouchActor]] = {
+    TouchActor.architecture: _table3_actor,
+    KeypointActor.architecture: _keypoint_actor,
+}
+"""Makers of actors by architecture id, from the action's size and the encoder's width."""

@@ -20,28 +20,28 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
-from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.observation import SENSED_TOUCH
 from tests.agents.batches import random_batch
 
 
-def test_a_narrow_encoder_is_saved_narrow_and_acts_the_same(tmp_path):
-    config = TrainingConfig("pushing", sac=SacConfig(encoder_width=0.25, bfloat16=False))
+@pytest.mark.parametrize("keypoints", [False, True])
+def test_a_policy_is_saved_in_half_precision_and_acts_the_same(tmp_path, keypoints):
+    config = TrainingConfig("pushing", sac=SacConfig(bfloat16=False, keypoint_steps=10 * keypoints))
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     batch = random_batch()
     with torch.no_grad():
-        features = learner.sac.encoder(batch.image)
+        seen = learner.keypoints.encode(batch.image) if keypoints else batch.image
+        features = learner.sac.encoder(seen)
         mean, _ = learner.sac.actor.gaussian_of(features, learner.scale.scaled(batch.touch))
         saved = learner.actor()
         action = saved(batch.image, batch.touch)
-    assert saved.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
     torch.testing.assert_close(action, torch.tanh(mean), atol=2e-3, rtol=0)  # half precision
 
     file = tmp_path / "policy.safetensors"
     save_native(saved, file)
-    assert file.stat().st_size < 350_000  # 2.2 MB at full width and precision
+    assert file.stat().st_size < (80_000 if keypoints else 1_200_000)
     loaded = load_native(PolicySource("native", "x", str(file), content=file.read_bytes()))
     observation = {"image": batch.image[0].numpy(), "touch": batch.touch[0].numpy()}
     with torch.no_grad():
@@ -103,9 +103,12 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
 
 
 @pytest.mark.parametrize("sense", SENSES)
-def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense):
+@pytest.mark.parametrize("keypoints", [False, True])
+def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keypoints):
     config = TrainingConfig(
-        "pushing", without=(sense,), sac=SacConfig(batch_size=4, bfloat16=False)
+        "pushing",
+        without=(sense,),
+        sac=SacConfig(batch_size=4, bfloat16=False, keypoint_steps=10 * keypoints),
     )
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     replay = filled_replay()
@@ -121,7 +124,8 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense):
         first, second = policy(image, touch)
         torch.testing.assert_close(first, second, atol=1e-6, rtol=0)
         # It acts as in training, where the sense is constant.
-        sensed = learner._sensed(image, learner.scale.scaled(touch))
+        seen = learner.keypoints.encode(image) if keypoints else image
+        sensed = learner._sensed(seen, learner.scale.scaled(touch))
         trained = learner.sac.actor.gaussian_of(learner.sac.encoder(sensed[0]), sensed[1])[0]
     torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=2e-3, rtol=0)
     surprised = [

@@ -21,9 +21,8 @@ CONFIG = TrainingConfig(
         critic_updates=3,
         prior_weight=0.5,
         prior_steps=10,
-        imitation=1.0,
     ),
-    sac=SacConfig(batch_size=4),
+    sac=SacConfig(batch_size=4, keypoint_steps=20),
     curiosity=CuriosityConfig(width=0.25),
 )
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import ARCHITECTURES, KeypointActor
 from tests.reporting.synthetic import make_run, write
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -64,3 +66,11 @@ def test_the_example_draws_a_curve_of_runs_and_of_a_training(tmp_path):
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run(command, cwd=tmp_path, check=True, env=environment)
     assert (tmp_path / "curve.png").stat().st_size > 5000
+
+
+def test_the_example_draws_keypoints_of_a_policy(tmp_path):
+    pytest.importorskip("matplotlib", reason="pip install matplotlib")
+    save_native(ARCHITECTURES[KeypointActor.architecture](4, 1.0), tmp_path / "policy.safetensors")
+    command = [sys.executable, EXAMPLES / "keypoints.py", "policy.safetensors", "pushing"]
+    subprocess.run(command, cwd=tmp_path, check=True, env={**os.environ, "MPLBACKEND": "agg"})
+    assert (tmp_path / "keypoints.png").stat().st_size > 5000

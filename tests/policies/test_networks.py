@@ -54,7 +54,7 @@ def as_plain(layer):
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 @pytest.mark.parametrize("action_size", [4, 5])
 def test_actions_lie_within_bounds(architecture, action_size):
-    actor = ARCHITECTURES[architecture](action_size)
+    actor = ARCHITECTURES[architecture](action_size, 1.0)
     actions = actor(IMAGE, 100 * TOUCH)
     assert actions.shape == (2, action_size)
     assert actions.abs().max() <= 1.0
