@@ -206,25 +206,27 @@ def _docstring(value: Any) -> Iterator[str]:
 
 
 def training_settings() -> str:
-    """Return the page of all settings of a training, both presets side by side."""
+    """Return the page of all settings of a training, its presets side by side."""
     presets = {name: make_config(SETTINGS_TASK, name) for name in PRESETS}
     parts = [
         GENERATED,
         "# Training settings",
         "The keys of `minitouch-bench train --config FILE` and of `settings` in `mt.train`, with "
-        "the values of both presets. `paper` has the values of Tables 2 and 3 of the supplement, "
+        "the values of each preset. `paper` has the values of Tables 2 and 3 of the supplement, "
         "and ours where it has none. It departs from the supplement in three places: the "
         "encoder's strides are 4, 2, 2, 2 (the printed 4, 2, 1, 1 do not give the printed sizes; "
         "ours give all but one, 9 in place of 8); both phases have the one printed learning rate "
         "and a learned alpha, although 7.3 says that alpha and the learning rate change; and the "
         "task phase is longer than the 5,000 to 10,000 steps that suffice in Pushing and Pick-up "
-        "by 7.6. `default` is what learned best in the "
+        "by 7.6. In `keypoints` policies see coordinates in place of the image: see [Touch and "
+        "curiosity](../explanation/touch-and-curiosity.md). "
+        "`default` is what learned best over all tasks in the "
         "measurements in the [notebook](../results/notebook.md#settings-that-were-measured).",
         "Lengths of the phases depend on the task; the tables have those of Pushing. Exploration "
         "and task phase, control steps: "
         + "; ".join(f"{task_title(t)} {a:,} + {b:,}" for t, (a, b) in PHASE_STEPS.items())
         + ".",
-        "```toml\n[task_phase]\nsteps = 40000\nupdates_per_step = 1.0\n```",
+        "```toml\n[task_phase]\nsteps = 85000\nupdates_per_step = 2.0\n```",
     ]
     columns = {f"`{name}`": preset for name, preset in presets.items()}
     parts += _settings("Top level", columns, leave_out="task")

@@ -72,8 +72,7 @@ def write_results(design: Mapping[str, Any], directory: Path) -> None:
     if len(results.judged):
         results.judged.to_csv(directory / "claims.csv", index=False)
     curves, episodes = (read_rows(directory, name) for name in ("curves", "episodes"))
-    if len(curves):
-        write_figures(results.joined, episodes, curves, directory / "figures")
+    write_figures(results.joined, episodes, curves, directory / "figures")
 
 
 def read_rows(directory: Path, name: str) -> pd.DataFrame:

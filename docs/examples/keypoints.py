@@ -1,4 +1,4 @@
-"""Draw the keypoints that a policy of the preset `default` sees: python keypoints.py POLICY TASK"""
+"""Draw what a policy of the preset `keypoints` sees: python keypoints.py POLICY TASK"""
 
 import sys
 

@@ -251,7 +251,7 @@ class Learner:
         else:
             architecture, encoder = KeypointActor.architecture, self.keypoints.encoder
         learned = {f"encoder.{name}": value for name, value in encoder.state_dict().items()}
-        actor = ARCHITECTURES[architecture](self.sac.action_size, 1.0)
+        actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
         actor.load_state_dict(learned | self.sac.actor.state_dict())
         self._fold_constants(actor)
         return self.scale.to(torch.device("cpu")).fold_into(actor).half().float()

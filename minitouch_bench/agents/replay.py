@@ -34,7 +34,7 @@ class Batch:
     ``next_touch`` float32 (N, 11), as the environment gives them; ``action`` float32 (N, A);
     ``task_reward`` float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,),
     what a value of the reached state counts; ``ended`` bool (N,), whether the episode ended there
-    for good.
+    for good; ``led_to_success`` bool (N,), whether a success followed within SUCCESS_STEPS.
     """
 
     image: Tensor
@@ -45,6 +45,7 @@ class Batch:
     task_reward: Tensor
     discount: Tensor
     ended: Tensor
+    led_to_success: Tensor
     features: Tensor
     next_features: Tensor
 
@@ -196,6 +197,7 @@ class Replay:
             task_reward=_tensor(reward, device),
             discount=_tensor(factor, device),
             ended=_tensor(ended, device),
+            led_to_success=_tensor(self._led_to_success[now], device),
             features=_tensor(self._features[now], device),
             next_features=_tensor(self._features[then], device),
         )

@@ -1,16 +1,20 @@
 """Soft actor-critic (Haarnoja et al. 2018) on image and touch, with one shared encoder.
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
-et al. 2021). Or the image comes as features that something else has learned (``keypoints``).
+et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021). With
+``keypoint_steps`` the image comes as features that something else has learned.
 
-In a task phase after an exploration the critics are new; their layer norm follows RLPD (Ball et al.
-2023). Until they have learned something, the divergence from the exploration policy keeps the actor
-near what curiosity found, as in KL-regularized reinforcement learning (Galashov et al. 2019).
+In a task phase after an exploration the actor's loss has two more terms, so that the policy does
+not leave what curiosity found while the task's new critics are wrong: the divergence from the
+exploration policy, as in KL-regularized reinforcement learning (Galashov et al. 2019), and the
+imitation of actions that led to a success where the critics value them above the policy's (Nair et
+al. 2018, "Q filter"). Layer norm in the critics follows RLPD (Ball et al. 2023).
 """
 
 import copy
 import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -83,7 +87,7 @@ class Sac(nn.Module):
         self.action_size = action_size
         if config.keypoint_steps:
             encoder, features = nn.Identity(), KEYPOINT_FEATURES
-        self.encoder = encoder or VisualEncoder()
+        self.encoder = encoder or VisualEncoder(config.encoder_width)
         self.actor = TouchActor(
             action_size, encoder=nn.Identity(), features=features, touch_size=touch_size
         )
@@ -139,13 +143,14 @@ class Sac(nn.Module):
         else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
-        features = self._encode(self.encoder, batch.image)
+        features = self._encode(self.encoder, self._shifted(batch.image, generator))
 
         with torch.no_grad():
-            next_features = self._encode(self.encoder, batch.next_image)
+            next_image = self._shifted(batch.next_image, generator)
+            next_features = self._encode(self.encoder, next_image)
             next_action, next_log_prob = self._sample(next_features, batch.next_touch, generator)
             if self.config.target_encoder:
-                next_features = self._encode(self.target_encoder, batch.next_image)
+                next_features = self._encode(self.target_encoder, next_image)
             next_values = self.target_critics(next_features, batch.next_touch, next_action)
             next_value = torch.minimum(*next_values) - alpha * next_log_prob
             target = reward + batch.discount * next_value
@@ -162,6 +167,11 @@ class Sac(nn.Module):
         action, log_prob = self._sample(features, batch.touch, generator)
         value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
         actor_loss = (alpha * log_prob - value).mean()
+        if self.phase.imitation:
+            recorded = (first + second).detach() / 2.0
+            better = batch.led_to_success & (recorded > value.detach())
+            distance = (action - batch.action).square().sum(dim=1)
+            actor_loss = actor_loss + self.phase.imitation * (better * distance).mean()
         if self.prior is not None and (weight := self.phase.prior_weight_at(step)):
             divergence = self._divergence_from(self.prior, features, batch)
             actor_loss = actor_loss + weight * divergence
@@ -212,6 +222,10 @@ class Sac(nn.Module):
     def _encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         return encode(encoder, image, bfloat16=self.config.bfloat16)
 
+    def _shifted(self, image: Tensor, generator: torch.Generator) -> Tensor:
+        pixels = 0 if self.config.keypoint_steps else self.config.shift
+        return shift_at_random(image, pixels, generator)
+
     @torch.no_grad()
     def _follow(self) -> None:
         """Move the target networks a little towards the trained ones."""
@@ -230,6 +244,20 @@ def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
     with torch.autocast(image.device.type, torch.bfloat16, enabled=bfloat16):
         features: Tensor = encoder(image)
     return features.float()
+
+
+def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> Tensor:
+    """Return each image (N, 1, H, W) shifted by up to ``pixels``, its edge repeated."""
+    if pixels == 0:
+        return image
+    count, _, height, width = image.shape
+    up, left = torch.randint(
+        2 * pixels + 1, (2, count), generator=generator, device=image.device
+    ).numpy(force=True)
+    beyond = ((0, 0), (0, 0), (pixels, pixels), (pixels, pixels))
+    padded = np.pad(image.numpy(force=True), beyond, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (height, width), (2, 3))
+    return torch.from_numpy(windows[np.arange(count), :, up, left]).to(image.device)
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:

@@ -1,5 +1,7 @@
 import math
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +17,8 @@ from minitouch_bench.agents.config import (
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_file_of_settings_is_read_back_whole(tmp_path, preset):
@@ -26,9 +30,9 @@ def test_a_file_of_settings_is_read_back_whole(tmp_path, preset):
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
     file = tmp_path / "config.toml"
-    file.write_text("seed = 5\n[sac]\nkeypoint_steps = 7\ndiscount = 1\n")
+    file.write_text("seed = 5\n[sac]\nshift = 0\ndiscount = 1\n")
     base = TrainingConfig("pushing")
-    sac = replace(base.sac, keypoint_steps=7, discount=1.0)
+    sac = replace(base.sac, shift=0, discount=1.0)
     assert read_config(file, base) == replace(base, seed=5, sac=sac)
 
 
@@ -71,6 +75,15 @@ def test_a_trainings_settings_serve_another_task(tmp_path):
     assert make_config("opening", settings={"task": "pushing"}) == make_config("opening")
 
 
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_training_is_as_long_as_in_the_study_of_table_4(preset):
+    grids = tomllib.loads((ROOT / "docs" / "studies" / "table4.toml").read_text())["per_task"]
+    for task, grid in grids.items():
+        ours = make_config(task, preset)
+        assert [ours.exploration.steps] == grid["exploration_steps"]
+        assert ours.task_phase.steps == grid.get("task_steps", 0)
+
+
 def test_a_new_task_s_training_is_as_long_as_its_preset(monkeypatch):
     monkeypatch.setattr(config_module, "PHASE_STEPS", {})
     assert make_config("opening", "paper") == PRESETS["paper"]("opening")
@@ -90,7 +103,7 @@ def test_a_new_task_s_training_is_as_long_as_its_preset(monkeypatch):
         ({"exploration": {"steps": -1}}, "0 or more"),
         ({"sac": {"batch_size": 0}}, "1 to 65536"),
         ({"sac": {"batch_size": 10**12}}, "1 to 65536"),
-        ({"sac": {"target_rate": -3}}, "0 to 1"),
+        ({"sac": {"encoder_width": -3}}, "0.03125 to 1"),
         ({"curiosity": {"width": 2}}, "0.03125 to 1"),
         ({"curiosity": {"learning_rate": -0.1}}, "'learning_rate' is -0.1"),
         ({"exploration": {"initial_temperature": 0}}, "'initial_temperature' is 0"),

@@ -28,7 +28,7 @@ def cells_seen(method, seed):
     config = TrainingConfig("playing", method=method or "rnd", seed=seed)
     config = replace(
         config,
-        sac=replace(config.sac, bfloat16=False),
+        sac=replace(config.sac, shift=0, bfloat16=False),
         curiosity=replace(config.curiosity, bfloat16=False),
     )
     learner = Learner(config, spec, torch.device("cpu"))

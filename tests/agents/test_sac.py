@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
-from minitouch_bench.agents.sac import Sac
+from minitouch_bench.agents.sac import Sac, shift_at_random
 from tests.agents.batches import random_batch
 
 CONFIG = SacConfig(bfloat16=False)
@@ -76,7 +76,7 @@ def test_updates_of_the_critics_alone_leave_the_policy_as_it_is():
 
 
 def moved(sac, *, value=30.0):
-    """Return how far the mean action moves in 20 steps, mean squared distance."""
+    """Return how far the mean action moves in 20 steps, and its distance to the recorded one."""
     batch, noise = random_batch(), generator()
     with torch.no_grad():
         features = sac.encoder(batch.image)
@@ -85,7 +85,9 @@ def moved(sac, *, value=30.0):
         sac.update(batch, torch.full((8,), value), noise, 0)
     with torch.no_grad():
         after = torch.tanh(sac.actor.gaussian_of(sac.encoder(batch.image), batch.touch)[0])
-    return float((after - before).square().sum(dim=1).mean())
+    successes = batch.led_to_success
+    far = (after - batch.action).square().sum(dim=1)
+    return float((after - before).square().sum(dim=1).mean()), float(far[successes].mean())
 
 
 def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
@@ -94,7 +96,7 @@ def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
         sac = make()
         sac.keep_prior()
         sac.begin_phase(PhaseConfig(10, learning_rate=1e-3, prior_weight=weight, prior_steps=steps))
-        distances.append(moved(sac))
+        distances.append(moved(sac)[0])
     free, held = distances
     assert held < 0.3 * free
     phase = PhaseConfig(10, prior_weight=0.5, prior_steps=4)
@@ -118,6 +120,14 @@ def test_divergence_is_that_of_the_two_gaussians():
         torch.testing.assert_close(sac._divergence_from(sac.prior, features, batch), expected)
 
 
+def test_imitation_draws_the_policy_to_what_led_to_a_success_where_critics_value_it():
+    near = [
+        moved(make(PhaseConfig(10, learning_rate=1e-3, imitation=weight)))[1]
+        for weight in (0.0, 10.0)
+    ]
+    assert near[1] < near[0]
+
+
 def test_log_probability_is_that_of_the_squashed_gaussian():
     sac = make()
     features, touch = torch.randn(8, 256), torch.randn(8, 11)
@@ -128,3 +138,12 @@ def test_log_probability_is_that_of_the_squashed_gaussian():
     )
     expected = squashed.log_prob(action).sum(dim=1)
     torch.testing.assert_close(log_prob, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_shifted_picture_is_a_window_of_the_padded_one():
+    image = random_batch(size=3).image
+    assert shift_at_random(image, 0, generator()) is image
+    padded = torch.nn.functional.pad(image.float(), (4,) * 4, mode="replicate")
+    for row, shifted in enumerate(shift_at_random(image, 4, generator())):
+        windows = [padded[row, :, y : y + 84, x : x + 84] for y in range(9) for x in range(9)]
+        assert sum(torch.equal(shifted, window) for window in windows) == 1

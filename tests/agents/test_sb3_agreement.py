@@ -16,7 +16,7 @@ STEPS, RANDOM_STEPS = 5000, 200
 RATE = 1e-3
 SEEDS = (0, 1, 2)
 NOTHING = np.zeros((1, 1, 1), np.uint8)
-CONFIG = SacConfig(target_rate=0.005, bfloat16=False)
+CONFIG = SacConfig(shift=0, target_rate=0.005, bfloat16=False)
 
 
 class NoImage(torch.nn.Module):

@@ -21,8 +21,9 @@ CONFIG = TrainingConfig(
         critic_updates=3,
         prior_weight=0.5,
         prior_steps=10,
+        imitation=1.0,
     ),
-    sac=SacConfig(batch_size=4, keypoint_steps=20),
+    sac=SacConfig(batch_size=4),
     curiosity=CuriosityConfig(width=0.25),
 )
 
