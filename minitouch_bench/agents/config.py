@@ -98,11 +98,12 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
-    ``keypoint_steps``: actor and critics see the coordinates of keypoints, which are learned from
-    the images alone within so many control steps, and then kept; with 0 they see features of the
-    encoder of Table 3, which the critics' loss trains.
+    ``keypoint_steps``: in the task phase new actors and critics see the coordinates of keypoints,
+    which are learned from the images alone within so many control steps, and then kept. While
+    exploring, and with 0 in both phases, they see features of the encoder of Table 3, which the
+    critics' loss trains.
     ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8.
-    ``shift``: pixels by which images are shifted at random (DrQ), where there are no keypoints.
+    ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
     ``target_rate``: share by which the target networks follow at each update.
     ``target_encoder``: the target critics have an encoder that follows as well; DrQ-v2
     has none. ``bfloat16``: encode in half precision where the processor can.
@@ -252,8 +253,7 @@ def paper_config(task: str) -> TrainingConfig:
 def keypoints_config(task: str) -> TrainingConfig:
     """Return the preset for policies that see keypoints in place of the image.
 
-    It learns Pushing in 10,000 control steps of the task, and Opening not at all: see the
-    notebook in docs/results.
+    Its exploration is the default's. The notebook in docs/results has its trials.
     """
     return TrainingConfig(
         task,
@@ -264,11 +264,11 @@ def keypoints_config(task: str) -> TrainingConfig:
             n_step=3,
             success_share=0.25,
             updates_per_step=2.0,
-            critic_updates=2000,
+            critic_updates=3000,
             prior_weight=0.1,
             prior_steps=10_000,
         ),
-        sac=SacConfig(discount=0.95, keypoint_steps=5000, shift=0),
+        sac=SacConfig(discount=0.95, encoder_width=0.25, keypoint_steps=5000),
     )
 
 

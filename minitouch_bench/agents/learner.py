@@ -104,7 +104,10 @@ class Learner:
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         with _weights_drawn_from(config.seed):
             self.keypoints = KeypointModel() if config.sac.keypoint_steps else None
-            self.sac = Sac(sac, action_size=spec.action_size)
+            self.exploring = config.exploration_steps > 0
+            self.sac = Sac(
+                sac, action_size=spec.action_size, sees_keypoints=self.policy_sees_keypoints
+            )
             self.curiosity: Curiosity | None = None
             if config.method != "sac":
                 self.curiosity = CURIOSITIES[config.method](curiosity, spec.action_size)
@@ -117,7 +120,6 @@ class Learner:
             _arrange(self.curiosity, device)
             self.curiosity.begin()
         self.scale = TouchScale.of(spec.workspace).to(device)
-        self.exploring = config.exploration_steps > 0
         self._begin_phase()
         self.noise = torch.Generator(device).manual_seed(config.seed)
         self.rng = np.random.default_rng(config.seed)
@@ -126,6 +128,11 @@ class Learner:
     def phase(self) -> PhaseConfig:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
+
+    @property
+    def policy_sees_keypoints(self) -> bool:
+        """Tell whether the policy under way sees keypoints; while exploring it sees the image."""
+        return self.keypoints is not None and not self.exploring
 
     def keep_keypoints(self, replay: Replay) -> None:
         """Learn the keypoints no further, and keep their coordinates in the memory."""
@@ -141,7 +148,8 @@ class Learner:
     def begin_task_phase(self, replay: Replay) -> None:
         """Go on from the exploration's networks, on the task's reward.
 
-        With ``critic_updates`` the critics are new, and are fitted to the memory first.
+        With ``critic_updates`` the critics are new, and are fitted to the memory first. With
+        keypoints the actor is new as well, and is fitted to the exploration policy.
         """
         self.exploring = False
         self._begin_phase()
@@ -151,11 +159,14 @@ class Learner:
     def _begin_phase(self) -> None:
         """Make what the phase's networks lack, and their optimizers."""
         after_exploration = not self.exploring and self.config.exploration_steps > 0
-        if after_exploration and self.phase.critic_updates:
+        if after_exploration and (self.phase.critic_updates or self.keypoints is not None):
             # Not seed + 1: the training with that seed starts from those weights.
             (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
             with _weights_drawn_from(seed):
-                self.sac.keep_prior()
+                prior, old = self.sac.as_prior(), self.sac
+                if self.keypoints is not None:
+                    self.sac = Sac(old.config, action_size=old.action_size, sees_keypoints=True)
+                self.sac.keep_prior(prior)
             _arrange(self.sac, self.device)
         self.sac.begin_phase(self.phase)
 
@@ -163,7 +174,7 @@ class Learner:
         """Return a stochastic action, float32 (A,)."""
         image = torch.from_numpy(observation["image"])[None].to(self.device)
         touch = torch.from_numpy(observation["touch"])[None].to(self.device)
-        if self.keypoints is not None:
+        if self.keypoints is not None and self.policy_sees_keypoints:
             image = self.keypoints.encode(image)
         sensed = self._sensed(image, self.scale.scaled(touch))
         action = self.sac.act(*sensed, self.noise)[0]
@@ -196,13 +207,11 @@ class Learner:
         else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-        if self.keypoints is not None:
-            if self.learns_keypoints:
-                self.keypoints.update(batch.image[::2])
-                image, next_image = map(self.keypoints.encode, (batch.image, batch.next_image))
-            else:
-                image, next_image = batch.features, batch.next_features
-            batch = replace(batch, image=image, next_image=next_image)
+        if self.keypoints is not None and self.learns_keypoints:
+            self.keypoints.update(batch.image[::2])
+            if self.policy_sees_keypoints:
+                now, then = map(self.keypoints.encode, (batch.image, batch.next_image))
+                batch = replace(batch, features=now, next_features=then)
         return losses | self.sac.update(
             self._sensed_batch(batch), reward, self.noise, step, critics_only=critics_only
         )
@@ -211,9 +220,12 @@ class Learner:
         """Return the batch as actor and critics see it."""
         image, touch = self._sensed(batch.image, batch.touch)
         next_image, next_touch = self._sensed(batch.next_image, batch.next_touch)
+        features, _ = self._sensed(batch.features, touch)
+        next_features, _ = self._sensed(batch.next_features, next_touch)
         return replace(
-            batch, image=image, touch=touch, next_image=next_image, next_touch=next_touch
-        )
+            batch, image=image, touch=touch, next_image=next_image, next_touch=next_touch,
+            features=features, next_features=next_features,
+        )  # fmt: skip
 
     def _sensed(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
         """Return images, or features, and scaled touch with the senses that are left out at 0."""
@@ -246,9 +258,8 @@ class Learner:
         So a checkpoint of two bytes per weight is the policy that was evaluated. It ignores the
         senses that it learned without by its weights.
         """
-        if self.keypoints is None:
-            architecture, encoder = TouchActor.architecture, self.sac.encoder
-        else:
+        architecture, encoder = TouchActor.architecture, self.sac.encoder
+        if self.keypoints is not None and self.policy_sees_keypoints:
             architecture, encoder = KeypointActor.architecture, self.keypoints.encoder
         learned = {f"encoder.{name}": value for name, value in encoder.state_dict().items()}
         actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
@@ -262,7 +273,7 @@ class Learner:
         weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
         for sense in self.config.without:
             if sense == "vision":
-                if self.keypoints is None:  # otherwise coordinates are 0, and not the image
+                if not self.policy_sees_keypoints:  # otherwise coordinates are 0, and not the image
                     black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
                     bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
                 weight[:, :-TOUCH_SIZE] = 0.0

@@ -1,8 +1,8 @@
 """Soft actor-critic (Haarnoja et al. 2018) on image and touch, with one shared encoder.
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
-et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021). With
-``keypoint_steps`` the image comes as features that something else has learned.
+et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021). Or there
+is no encoder, and both see the coordinates of keypoints, which something else has learned.
 
 In a task phase after an exploration the actor's loss has two more terms, so that the policy does
 not leave what curiosity found while the task's new critics are wrong: the divergence from the
@@ -81,11 +81,13 @@ class Sac(nn.Module):
         touch_size: int = TOUCH_SIZE,
         encoder: nn.Module | None = None,
         features: int = FEATURES,
+        sees_keypoints: bool = False,
     ) -> None:
         super().__init__()
         self.config = config
         self.action_size = action_size
-        if config.keypoint_steps:
+        self.sees_keypoints = sees_keypoints
+        if sees_keypoints:
             encoder, features = nn.Identity(), KEYPOINT_FEATURES
         self.encoder = encoder or VisualEncoder(config.encoder_width)
         self.actor = TouchActor(
@@ -99,9 +101,13 @@ class Sac(nn.Module):
         self.log_temperature = nn.Parameter(torch.zeros(()))
         self.prior: Prior | None = None
 
-    def keep_prior(self) -> None:
-        """Keep the policy as it is as the prior, and make new critics, with layer norm."""
-        self.prior = Prior(copy.deepcopy(self.encoder), copy.deepcopy(self.actor))
+    def as_prior(self) -> Prior:
+        """Return the policy as it is."""
+        return Prior(copy.deepcopy(self.encoder), copy.deepcopy(self.actor))
+
+    def keep_prior(self, prior: Prior | None = None) -> None:
+        """Keep a prior, by default the policy as it is, and make new critics, with layer norm."""
+        self.prior = prior or self.as_prior()
         self.critics = TwoCritics(self._critic_inputs, layer_norm=True)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
 
@@ -143,10 +149,10 @@ class Sac(nn.Module):
         else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
-        features = self._encode(self.encoder, self._shifted(batch.image, generator))
+        image, next_image = self._seen(batch, generator)
+        features = self._encode(self.encoder, image)
 
         with torch.no_grad():
-            next_image = self._shifted(batch.next_image, generator)
             next_features = self._encode(self.encoder, next_image)
             next_action, next_log_prob = self._sample(next_features, batch.next_touch, generator)
             if self.config.target_encoder:
@@ -160,6 +166,8 @@ class Sac(nn.Module):
         _step(self.critic_optimizer, critic_loss)
         losses = {"critic_loss": critic_loss.detach(), "value": first.detach().mean()}
         if critics_only:
+            if self.sees_keypoints and self.prior is not None:
+                self._fit_to(self.prior, features, batch)
             self._follow()
             return losses
 
@@ -186,13 +194,24 @@ class Sac(nn.Module):
             "temperature": alpha,
         }
 
-    def _divergence_from(self, prior: "Prior", features: Tensor, batch: Batch) -> Tensor:
+    def _fit_to(self, prior: Prior, features: Tensor, batch: Batch) -> None:
+        """Move a new actor, which sees other features than the prior, towards it."""
+        mean, log_std = self.actor.gaussian_of(features.detach(), batch.touch)
+        prior_mean, prior_log_std = self._gaussian_of(prior, batch)
+        loss = functional.mse_loss(mean, prior_mean) + functional.mse_loss(log_std, prior_log_std)
+        _step(self.actor_optimizer, loss)
+
+    @torch.no_grad()
+    def _gaussian_of(self, prior: Prior, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Return the prior's mean and log standard deviation, each float32 (N, A)."""
+        seen = self._encode(prior.encoder, batch.image)
+        mean, log_std = prior.actor.gaussian_of(seen, batch.touch)
+        return mean, log_std.clamp_min(LEAST_PRIOR_LOG_STD)
+
+    def _divergence_from(self, prior: Prior, features: Tensor, batch: Batch) -> Tensor:
         """Return the batch's mean KL(policy, prior) in nats, before squashing, each capped."""
         mean, log_std = self.actor.gaussian_of(features, batch.touch)
-        with torch.no_grad():
-            seen = self._encode(prior.encoder, batch.image)
-            prior_mean, prior_log_std = prior.actor.gaussian_of(seen, batch.touch)
-            prior_log_std = prior_log_std.clamp_min(LEAST_PRIOR_LOG_STD)
+        prior_mean, prior_log_std = self._gaussian_of(prior, batch)
         square = (2.0 * log_std).exp() + (mean - prior_mean).square()
         ratio = square / (2.0 * (2.0 * prior_log_std).exp())
         divergence = (prior_log_std - log_std + ratio - 0.5).sum(dim=1)
@@ -222,9 +241,15 @@ class Sac(nn.Module):
     def _encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         return encode(encoder, image, bfloat16=self.config.bfloat16)
 
-    def _shifted(self, image: Tensor, generator: torch.Generator) -> Tensor:
-        pixels = 0 if self.config.keypoint_steps else self.config.shift
-        return shift_at_random(image, pixels, generator)
+    def _seen(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Return what the encoder gets of both observations: coordinates, or shifted images."""
+        if self.sees_keypoints:
+            return batch.features, batch.next_features
+        first, second = (
+            shift_at_random(image, self.config.shift, generator)
+            for image in (batch.image, batch.next_image)
+        )
+        return first, second
 
     @torch.no_grad()
     def _follow(self) -> None:

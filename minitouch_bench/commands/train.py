@@ -53,8 +53,8 @@ def train(
     preset: Annotated[
         str,
         typer.Option(
-            help="default (what learns best over all tasks), keypoints (learns Pushing sooner, and "
-            "Opening not at all) or paper (values of the supplement)."
+            help="default (what the studies use), keypoints (coordinates in place of the image in "
+            "the task phase; experimental) or paper (values of the supplement)."
         ),
     ] = "default",
     config: Annotated[

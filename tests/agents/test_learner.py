@@ -28,9 +28,8 @@ from tests.agents.batches import random_batch
 
 @pytest.mark.parametrize("keypoints", [False, True])
 def test_a_policy_is_saved_in_half_precision_and_acts_the_same(tmp_path, keypoints):
-    config = TrainingConfig(
-        "pushing", sac=SacConfig(encoder_width=0.25, bfloat16=False, keypoint_steps=10 * keypoints)
-    )
+    sac = SacConfig(encoder_width=0.25, bfloat16=False, keypoint_steps=10 * keypoints)
+    config = TrainingConfig("pushing", "sac" if keypoints else "hac", sac=sac)
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     batch = random_batch()
     with torch.no_grad():
@@ -109,6 +108,7 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
 def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keypoints):
     config = TrainingConfig(
         "pushing",
+        "sac" if keypoints else "hac",  # which sees keypoints from the first step
         without=(sense,),
         sac=SacConfig(batch_size=4, bfloat16=False, keypoint_steps=10 * keypoints),
     )
@@ -130,6 +130,8 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keyp
         sensed = learner._sensed(seen, learner.scale.scaled(touch))
         trained = learner.sac.actor.gaussian_of(learner.sac.encoder(sensed[0]), sensed[1])[0]
     torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=2e-3, rtol=0)
+    if learner.curiosity is None:
+        return
     surprised = [
         learner.curiosity.errors(replace(learner._batch(replay), next_image=picture)).surprise
         for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
