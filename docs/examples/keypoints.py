@@ -1,4 +1,4 @@
-"""Draw what a policy of the preset `keypoints` sees: python keypoints.py POLICY TASK"""
+"""Draw what a final policy of the preset `keypoints` sees: python keypoints.py POLICY TASK"""
 
 import sys
 
