@@ -218,10 +218,10 @@ def training_settings() -> str:
         "ours give all but one, 9 in place of 8); both phases have the one printed learning rate "
         "and a learned alpha, although 7.3 says that alpha and the learning rate change; and the "
         "task phase is longer than the 5,000 to 10,000 steps that suffice in Pushing and Pick-up "
-        "by 7.6. In `keypoints` policies see coordinates in place of the image: see [Touch and "
-        "curiosity](../explanation/touch-and-curiosity.md). "
-        "`default` is what learned best over all tasks in the "
-        "measurements in the [notebook](../results/notebook.md#settings-that-were-measured).",
+        "by 7.6. In the task phase of `keypoints` policies see [coordinates in place of the "
+        "image](../explanation/touch-and-curiosity.md). `default` is what learned best, of what "
+        "was trained in all tasks, in the measurements in the "
+        "[notebook](../results/notebook.md#settings-that-were-measured).",
         "Lengths of the phases depend on the task; the tables have those of Pushing. Exploration "
         "and task phase, control steps: "
         + "; ".join(f"{task_title(t)} {a:,} + {b:,}" for t, (a, b) in PHASE_STEPS.items())

@@ -98,10 +98,10 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
-    ``keypoint_steps``: in the task phase new actors and critics see the coordinates of keypoints,
-    which are learned from the images alone within so many control steps, and then kept. While
-    exploring, and with 0 in both phases, they see features of the encoder of Table 3, which the
-    critics' loss trains.
+    ``keypoint_steps``: control steps within which keypoints are learned from the images alone. In
+    the task phase (``sac``: from the first step) a new actor and new critics see the coordinates of
+    these keypoints. While exploring, and with 0 in both phases, actor and critics see features of
+    the encoder of Table 3, which the critics' loss trains.
     ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8.
     ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
     ``target_rate``: share by which the target networks follow at each update.
@@ -255,21 +255,13 @@ def keypoints_config(task: str) -> TrainingConfig:
 
     Its exploration is the default's. The notebook in docs/results has its trials.
     """
-    return TrainingConfig(
-        task,
-        task_phase=PhaseConfig(
-            20_000,
-            target_entropy=0.0,
-            entropy_steps=10_000,
-            n_step=3,
-            success_share=0.25,
-            updates_per_step=2.0,
-            critic_updates=3000,
-            prior_weight=0.1,
-            prior_steps=10_000,
-        ),
-        sac=SacConfig(discount=0.95, encoder_width=0.25, keypoint_steps=5000),
-    )
+    default = TrainingConfig(task)
+    task_phase = replace(
+        default.task_phase, steps=20_000, final_target_entropy=-1.0, entropy_steps=10_000,
+        updates_per_step=2.0, critic_updates=3000, prior_weight=0.1, prior_steps=10_000,
+        imitation=0.0,
+    )  # fmt: skip
+    return replace(default, task_phase=task_phase, sac=replace(default.sac, keypoint_steps=5000))
 
 
 PRESETS = {"default": TrainingConfig, "paper": paper_config, "keypoints": keypoints_config}

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from minitouch_bench.agents.curiosity import PixelStatistics
 from minitouch_bench.policies.networks import (
     KEYPOINT_SCALE,
     KEYPOINT_STRIDE,
@@ -49,12 +50,7 @@ class KeypointModel(nn.Module):
         self.background = nn.Parameter(torch.zeros(DRAWN, DRAWN))
         self.gray = nn.Parameter(DARKEST_BLOB * torch.rand(KEYPOINTS))
         self.log_size = nn.Parameter(torch.full((KEYPOINTS,), math.log(FIRST_BLOB)))
-        self.seen: Tensor
-        self.mean: Tensor
-        self.square: Tensor
-        self.register_buffer("seen", torch.zeros(()))
-        self.register_buffer("mean", torch.zeros(DRAWN, DRAWN))
-        self.register_buffer("square", torch.zeros(DRAWN, DRAWN))
+        self.statistics = PixelStatistics((DRAWN, DRAWN))
 
     def begin(self) -> None:
         """Make the optimizer, once everything is in place on its device."""
@@ -63,7 +59,8 @@ class KeypointModel(nn.Module):
     def update(self, image: Tensor) -> Tensor:
         """Do one gradient step on images uint8 (N, 1, H, W); return the loss before it."""
         small = gray_tiles(image).mean(dim=3)
-        deviation = self._deviation(small)
+        self.statistics.watch(small)
+        deviation = self.statistics.variance(0.0).sqrt() + LEAST_DEVIATION
         error = (self.draw(self.encoder(image)) - small) / deviation
         loss = error.square().mean()
         self.optimizer.zero_grad()
@@ -87,16 +84,6 @@ class KeypointModel(nn.Module):
         """Return features float32 (N, 2 * KEYPOINTS) of images uint8 (N, 1, H, W)."""
         features: Tensor = self.encoder(image)
         return features
-
-    @torch.no_grad()
-    def _deviation(self, small: Tensor) -> Tensor:
-        """Count images in each pixel's mean and variance; return what divides its errors."""
-        self.seen += len(small)
-        rate = len(small) / self.seen
-        self.mean += rate * (small.mean(dim=0) - self.mean)
-        self.square += rate * (small.square().mean(dim=0) - self.square)
-        variance = (self.square - self.mean.square()).clamp_min(0.0)
-        return variance.sqrt() + LEAST_DEVIATION
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""

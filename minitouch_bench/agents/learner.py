@@ -134,17 +134,6 @@ class Learner:
         """Tell whether the policy under way sees keypoints; while exploring it sees the image."""
         return self.keypoints is not None and not self.exploring
 
-    def keep_keypoints(self, replay: Replay) -> None:
-        """Learn the keypoints no further, and keep their coordinates in the memory."""
-        self.learns_keypoints = False
-        self.watch(replay)
-
-    def watch(self, replay: Replay) -> None:
-        """Encode what is new in the memory, once the keypoints are learned."""
-        keypoints = self.keypoints
-        if keypoints is not None and not self.learns_keypoints:
-            replay.encode(lambda image: keypoints.encode(image.to(self.device)))
-
     def begin_task_phase(self, replay: Replay) -> None:
         """Go on from the exploration's networks, on the task's reward.
 
@@ -163,10 +152,12 @@ class Learner:
             # Not seed + 1: the training with that seed starts from those weights.
             (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
             with _weights_drawn_from(seed):
-                prior, old = self.sac.as_prior(), self.sac
+                explored = self.sac
                 if self.keypoints is not None:
-                    self.sac = Sac(old.config, action_size=old.action_size, sees_keypoints=True)
-                self.sac.keep_prior(prior)
+                    self.sac = Sac(
+                        explored.config, action_size=explored.action_size, sees_keypoints=True
+                    )
+                self.sac.keep_prior(explored)
             _arrange(self.sac, self.device)
         self.sac.begin_phase(self.phase)
 
@@ -238,6 +229,9 @@ class Learner:
         return image, touch
 
     def _batch(self, replay: Replay) -> Batch:
+        keypoints = self.keypoints
+        if keypoints is not None and self.policy_sees_keypoints and not self.learns_keypoints:
+            replay.encode(lambda image: keypoints.encode(image.to(self.device)))
         batch = replay.sample(
             self.rng,
             self.config.sac.batch_size,
@@ -273,7 +267,7 @@ class Learner:
         weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
         for sense in self.config.without:
             if sense == "vision":
-                if not self.policy_sees_keypoints:  # otherwise coordinates are 0, and not the image
+                if not self.policy_sees_keypoints:  # whose coordinates would be 0
                     black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
                     bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
                 weight[:, :-TOUCH_SIZE] = 0.0

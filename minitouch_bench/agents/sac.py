@@ -101,13 +101,12 @@ class Sac(nn.Module):
         self.log_temperature = nn.Parameter(torch.zeros(()))
         self.prior: Prior | None = None
 
-    def as_prior(self) -> Prior:
-        """Return the policy as it is."""
-        return Prior(copy.deepcopy(self.encoder), copy.deepcopy(self.actor))
+    def keep_prior(self, explored: "Sac") -> None:
+        """Keep the policy of ``explored``, often these networks' own, as the prior; renew critics.
 
-    def keep_prior(self, prior: Prior | None = None) -> None:
-        """Keep a prior, by default the policy as it is, and make new critics, with layer norm."""
-        self.prior = prior or self.as_prior()
+        The new critics have layer norm.
+        """
+        self.prior = Prior(copy.deepcopy(explored.encoder), copy.deepcopy(explored.actor))
         self.critics = TwoCritics(self._critic_inputs, layer_norm=True)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
 
@@ -195,7 +194,7 @@ class Sac(nn.Module):
         }
 
     def _fit_to(self, prior: Prior, features: Tensor, batch: Batch) -> None:
-        """Move a new actor, which sees other features than the prior, towards it."""
+        """Move the actor's mean and log standard deviation towards the prior's."""
         mean, log_std = self.actor.gaussian_of(features.detach(), batch.touch)
         prior_mean, prior_log_std = self._gaussian_of(prior, batch)
         loss = functional.mse_loss(mean, prior_mean) + functional.mse_loss(log_std, prior_log_std)

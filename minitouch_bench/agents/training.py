@@ -200,14 +200,13 @@ class Training:
                 self._save()
                 return False
             if self.step == self.config.sac.keypoint_steps:
-                self._learner.keep_keypoints(self._replay)
+                self._learner.learns_keypoints = False
             if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
                 self._begin_task_phase()
             if self._is_from_dataset:
                 self.step += 1
             else:
                 self._control_step()
-            self._learner.watch(self._replay)
             for _ in range(self._updates_due()):
                 self._tally.add_losses(self._learner.update(self._replay, self._phase_step))
             self._keep_records()

@@ -159,13 +159,14 @@ class VisualEncoder(nn.Module):
 class KeypointEncoder(nn.Module):
     """Map a gray image to the coordinates of keypoints (Finn et al. 2016).
 
-    Convolutions see windows of 16 x 16 pixels and give a map of 20 x 20 places per keypoint. Its
-    softmax says where the keypoint is; the mean place under it is the keypoint's coordinates.
+    Convolutions see windows of 16 x 16 pixels and give a map of 20 x 20 places per keypoint. The
+    softmax of this map says where the keypoint is; its mean place is the keypoint's coordinates.
     Coordinates mean the same everywhere in the image, so a policy needs few scenes to learn from
     them.
     """
 
     width = 1.0
+    """There is one width of this encoder."""
 
     def __init__(self) -> None:
         super().__init__()

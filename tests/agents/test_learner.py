@@ -20,6 +20,7 @@ from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
+from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.observation import SENSED_TOUCH
@@ -38,10 +39,13 @@ def test_a_policy_is_saved_in_half_precision_and_acts_the_same(tmp_path, keypoin
         mean, _ = learner.sac.actor.gaussian_of(features, learner.scale.scaled(batch.touch))
         saved = learner.actor()
         action = saved(batch.image, batch.touch)
+    if not keypoints:
+        assert saved.encoder.convolutions[0].out_channels < ENCODER_CHANNELS[0]
     torch.testing.assert_close(action, torch.tanh(mean), atol=2e-3, rtol=0)  # half precision
 
     file = tmp_path / "policy.safetensors"
     save_native(saved, file)
+    # 2.2 MB at full width and precision
     assert file.stat().st_size < (80_000 if keypoints else 350_000)
     loaded = load_native(PolicySource("native", "x", str(file), content=file.read_bytes()))
     observation = {"image": batch.image[0].numpy(), "touch": batch.touch[0].numpy()}

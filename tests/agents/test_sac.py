@@ -94,7 +94,7 @@ def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
     distances = []
     for weight, steps in ((0.0, 1), (100.0, 1)):
         sac = make()
-        sac.keep_prior()
+        sac.keep_prior(sac)
         sac.begin_phase(PhaseConfig(10, learning_rate=1e-3, prior_weight=weight, prior_steps=steps))
         distances.append(moved(sac)[0])
     free, held = distances
@@ -105,7 +105,7 @@ def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
 
 def test_divergence_is_that_of_the_two_gaussians():
     sac, batch = make(), random_batch()
-    sac.keep_prior()
+    sac.keep_prior(sac)
     with torch.no_grad():
         sac.actor.mean.bias += 0.1
         sac.actor.log_std.bias -= 0.2
