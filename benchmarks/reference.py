@@ -218,15 +218,13 @@ def training_settings() -> str:
         "ours give all but one, 9 in place of 8); both phases have the one printed learning rate "
         "and a learned alpha, although 7.3 says that alpha and the learning rate change; and the "
         "task phase is longer than the 5,000 to 10,000 steps that suffice in Pushing and Pick-up "
-        "by 7.6. In the task phase of `keypoints` policies see [coordinates in place of the "
-        "image](../explanation/touch-and-curiosity.md). `default` is what learned best, of what "
-        "was trained in all tasks, in the measurements in the "
+        "by 7.6. `default` is what learned best in the measurements in the "
         "[notebook](../results/notebook.md#settings-that-were-measured).",
         "Lengths of the phases depend on the task; the tables have those of Pushing. Exploration "
         "and task phase, control steps: "
         + "; ".join(f"{task_title(t)} {a:,} + {b:,}" for t, (a, b) in PHASE_STEPS.items())
         + ".",
-        "```toml\n[task_phase]\nsteps = 85000\nupdates_per_step = 2.0\n```",
+        "```toml\n[task_phase]\nsteps = 40000\nupdates_per_step = 1.0\n```",
     ]
     columns = {f"`{name}`": preset for name, preset in presets.items()}
     parts += _settings("Top level", columns, leave_out="task")

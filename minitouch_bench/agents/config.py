@@ -52,12 +52,14 @@ class PhaseConfig:
     least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
     allowed.
 
-    The task phase alone: ``critic_updates``: gradient steps of new critics, with layer norm, on
-    the memory's task reward before the first control step; with 0 it goes on with exploration's.
-    ``prior_weight``: weight of the divergence from the exploration policy, KL(policy, exploration
-    policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
-    ``imitation``: weight of the squared distance to actions that led to a success and that the
-    critics value above the policy's.
+    The task phase alone: ``keypoint_updates``: gradient steps in which an encoder learns to find
+    keypoints in the memory's images, before the first control step. A new actor and new critics,
+    with layer norm, see the coordinates of these keypoints. With 0 the phase goes on with the
+    networks of the exploration, which see features of the encoder of Table 3, trained by the
+    critics' loss. ``fitting_updates``: gradient steps that then fit the new actor to the
+    exploration policy and the new critics to the memory. ``prior_weight``: weight of the
+    divergence from the exploration policy, KL(policy, exploration policy), in the actor's loss,
+    falling linearly to 0 within ``prior_steps`` control steps.
     """
 
     steps: int
@@ -70,18 +72,18 @@ class PhaseConfig:
     n_step: int = 1
     success_share: float = 0.0
     updates_per_step: float = 1.0
-    critic_updates: int = 0
+    keypoint_updates: int = 0
+    fitting_updates: int = 0
     prior_weight: float = 0.0
     prior_steps: int = 0
-    imitation: float = 0.0
 
     def __post_init__(self) -> None:
         _check_ranges(
             self, steps=ANY, learning_rate=(0, 1e9), initial_temperature=ABOVE_ZERO,
             target_entropy=ENTROPY, final_target_entropy=ENTROPY, entropy_steps=ANY,
             reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
-            updates_per_step=(0, 1000), critic_updates=ANY, prior_weight=ANY, prior_steps=ANY,
-            imitation=ANY,
+            updates_per_step=(0, 1000), keypoint_updates=ANY, fitting_updates=ANY,
+            prior_weight=ANY, prior_steps=ANY,
         )  # fmt: skip
 
     def prior_weight_at(self, step: int) -> float:
@@ -98,10 +100,6 @@ class PhaseConfig:
 class SacConfig:
     """What the learner keeps through both phases.
 
-    ``keypoint_steps``: control steps within which keypoints are learned from the images alone. In
-    the task phase (``sac``: from the first step) a new actor and new critics see the coordinates of
-    these keypoints. While exploring, and with 0 in both phases, actor and critics see features of
-    the encoder of Table 3, which the critics' loss trains.
     ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8.
     ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
     ``target_rate``: share by which the target networks follow at each update.
@@ -111,7 +109,6 @@ class SacConfig:
 
     batch_size: int = 128
     discount: float = 0.99
-    keypoint_steps: int = 0
     encoder_width: float = 1.0
     target_rate: float = 0.01
     shift: int = 4
@@ -120,7 +117,7 @@ class SacConfig:
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, batch_size=BATCH, discount=SHARE, keypoint_steps=ANY, encoder_width=WIDTH,
+            self, batch_size=BATCH, discount=SHARE, encoder_width=WIDTH,
             target_rate=SHARE, shift=(0, PROTOCOL.observation.image_size),
         )  # fmt: skip
 
@@ -177,23 +174,24 @@ class TrainingConfig:
     checkpoint_every: int = 1000
     exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0, updates_per_step=0.5)
     task_phase: PhaseConfig = PhaseConfig(
-        40_000,
+        15_000,
         target_entropy=0.0,
-        final_target_entropy=-3.0,
-        entropy_steps=15_000,
+        final_target_entropy=-1.0,
+        entropy_steps=10_000,
         n_step=3,
         success_share=0.25,
-        critic_updates=4000,
-        prior_weight=0.5,
-        prior_steps=20_000,
-        imitation=1.0,
+        updates_per_step=4.0,
+        keypoint_updates=2000,
+        fitting_updates=3000,
+        prior_weight=0.1,
+        prior_steps=10_000,
     )
     sac: SacConfig = SacConfig(discount=0.95, encoder_width=0.25)
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
         _check_ranges(
-            self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=ANY,
+            self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=POSITIVE,
             replay_size=(LEAST_REPLAY, math.inf),
             log_every=POSITIVE, evaluate_every=ANY,
             evaluate_episodes=(1, MAX_EPISODES), checkpoint_every=POSITIVE,
@@ -229,6 +227,11 @@ class TrainingConfig:
         """Return the control steps without the task's reward; ``sac`` has it from the first."""
         return 0 if self.method == "sac" else self.exploration.steps
 
+    @property
+    def task_phase_begin(self) -> int:
+        """Return the control steps before learning from the task's reward."""
+        return self.exploration_steps or (0 if self.dataset else self.random_steps)
+
 
 def paper_config(task: str) -> TrainingConfig:
     """Return the values of Tables 2 and 3 of the supplement, with our values where it has none.
@@ -250,36 +253,22 @@ def paper_config(task: str) -> TrainingConfig:
     )
 
 
-def keypoints_config(task: str) -> TrainingConfig:
-    """Return the preset for policies that see keypoints in place of the image.
-
-    Its exploration is the default's. The notebook in docs/results has its trials.
-    """
-    default = TrainingConfig(task)
-    task_phase = replace(
-        default.task_phase, steps=20_000, final_target_entropy=-1.0, entropy_steps=10_000,
-        updates_per_step=2.0, critic_updates=3000, prior_weight=0.1, prior_steps=10_000,
-        imitation=0.0,
-    )  # fmt: skip
-    return replace(default, task_phase=task_phase, sac=replace(default.sac, keypoint_steps=5000))
-
-
-PRESETS = {"default": TrainingConfig, "paper": paper_config, "keypoints": keypoints_config}
+PRESETS = {"default": TrainingConfig, "paper": paper_config}
 """Builders of a task's settings by the preset's name."""
 
 
 PHASE_STEPS: Mapping[str, tuple[int, int]] = MappingProxyType(
     {
         "playing": (10_000, 0),
-        "pushing": (15_000, 85_000),
-        "opening": (10_000, 20_000),
-        "pick-up": (30_000, 50_000),
+        "pushing": (15_000, 15_000),
+        "opening": (10_000, 15_000),
+        "pick-up": (30_000, 15_000),
     }
 )
 """Control steps of exploration and of the task phase in every preset: those of
-docs/studies/table4.toml. Playing has no goal to learn. The supplement does not give the length of
-exploration; it says that 5,000 to 10,000 steps of the task suffice for decent performance in
-Pushing and Pick-up (7.6). This learner does not reach that: it needs the lengths here."""
+experiments/touch/design.toml. Playing has no goal to learn. The supplement does not give the length
+of exploration; it says that 5,000 to 10,000 steps of the task suffice for decent performance in
+Pushing and Pick-up (7.6)."""
 
 
 def make_config(

@@ -10,15 +10,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn import functional
 
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity
-from minitouch_bench.agents.keypoints import KeypointModel
+from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.replay import Batch, Replay
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.machine import processor_flags
 from minitouch_bench.policies.networks import (
     ARCHITECTURES,
+    KEYPOINT_FEATURES,
     TOUCH_SIZE,
     KeypointActor,
     TouchActor,
@@ -102,25 +104,20 @@ class Learner:
         half = has_bfloat16(device)
         sac = replace(config.sac, bfloat16=config.sac.bfloat16 and half)
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
+        self.exploring = config.exploration_steps > 0
+        self.keypoints: Keypoints | None = None
+        self.explored: Sac | None = None
         with _weights_drawn_from(config.seed):
-            self.keypoints = KeypointModel() if config.sac.keypoint_steps else None
-            self.exploring = config.exploration_steps > 0
-            self.sac = Sac(
-                sac, action_size=spec.action_size, sees_keypoints=self.policy_sees_keypoints
-            )
+            self.sac = Sac(sac, action_size=spec.action_size)
             self.curiosity: Curiosity | None = None
             if config.method != "sac":
                 self.curiosity = CURIOSITIES[config.method](curiosity, spec.action_size)
         _arrange(self.sac, device)
-        if self.keypoints is not None:
-            _arrange(self.keypoints, device)
-            self.keypoints.begin()
-        self.learns_keypoints = self.keypoints is not None
         if self.curiosity is not None:
             _arrange(self.curiosity, device)
             self.curiosity.begin()
         self.scale = TouchScale.of(spec.workspace).to(device)
-        self._begin_phase()
+        self.sac.begin_phase(self.phase)
         self.noise = torch.Generator(device).manual_seed(config.seed)
         self.rng = np.random.default_rng(config.seed)
 
@@ -129,45 +126,51 @@ class Learner:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
 
-    @property
-    def policy_sees_keypoints(self) -> bool:
-        """Tell whether the policy under way sees keypoints; while exploring it sees the image."""
-        return self.keypoints is not None and not self.exploring
-
     def begin_task_phase(self, replay: Replay) -> None:
-        """Go on from the exploration's networks, on the task's reward.
+        """Learn from the task's reward from now on.
 
-        With ``critic_updates`` the critics are new, and are fitted to the memory first. With
-        keypoints the actor is new as well, and is fitted to the exploration policy.
+        With keypoints these are learned from the memory's images first. Actor and critics are new
+        and see them; the actor is fitted to the exploration policy, the critics to the memory.
         """
+        explored = self.exploring
         self.exploring = False
-        self._begin_phase()
-        for _ in range(self.phase.critic_updates):
-            self.update(replay, 0, critics_only=True)
+        if not self.phase.keypoint_updates:
+            self.sac.begin_phase(self.phase)
+            return
 
-    def _begin_phase(self) -> None:
-        """Make what the phase's networks lack, and their optimizers."""
-        after_exploration = not self.exploring and self.config.exploration_steps > 0
-        if after_exploration and (self.phase.critic_updates or self.keypoints is not None):
-            # Not seed + 1: the training with that seed starts from those weights.
-            (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
-            with _weights_drawn_from(seed):
-                explored = self.sac
-                if self.keypoints is not None:
-                    self.sac = Sac(
-                        explored.config, action_size=explored.action_size, sees_keypoints=True
-                    )
-                self.sac.keep_prior(explored)
-            _arrange(self.sac, self.device)
+        def draw(size: int) -> tuple[Tensor, Tensor]:
+            image, touch = replay.sample_observations(self.rng, size)
+            return image.to(self.device), self.scale.scaled(touch.to(self.device))
+
+        self._begin_keypoints(explored=explored).learn(draw, self.phase.keypoint_updates)
+        for _ in range(self.phase.fitting_updates):
+            self.update(replay, 0, fits=True)
+
+    def _begin_keypoints(self, *, explored: bool) -> Keypoints:
+        """Make the networks of a task phase that sees keypoints."""
+        # Not seed + 1: the training with that seed starts from those weights.
+        (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
+        before = self.sac
+        with _weights_drawn_from(seed):
+            keypoints = Keypoints()
+            self.sac = Sac(
+                replace(before.config, shift=0, target_encoder=False),
+                action_size=before.action_size,
+                encoder=nn.Identity(),
+                features=KEYPOINT_FEATURES,
+                layer_norm=True,
+            )
+        _arrange(keypoints, self.device)
+        _arrange(self.sac, self.device)
         self.sac.begin_phase(self.phase)
+        self.keypoints, self.explored = keypoints, before if explored else None
+        return keypoints
 
     def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         """Return a stochastic action, float32 (A,)."""
         image = torch.from_numpy(observation["image"])[None].to(self.device)
         touch = torch.from_numpy(observation["touch"])[None].to(self.device)
-        if self.keypoints is not None and self.policy_sees_keypoints:
-            image = self.keypoints.encode(image)
-        sensed = self._sensed(image, self.scale.scaled(touch))
+        sensed = self._seen(image, self.scale.scaled(touch))
         action = self.sac.act(*sensed, self.noise)[0]
         array: NDArray[np.float32] = action.cpu().numpy()
         return array
@@ -176,7 +179,7 @@ class Learner:
         """Return a uniformly random action, float32 (A,)."""
         return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
 
-    def update(self, replay: Replay, step: int, *, critics_only: bool = False) -> dict[str, Tensor]:
+    def update(self, replay: Replay, step: int, *, fits: bool = False) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
 
         While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
@@ -185,12 +188,12 @@ class Learner:
         Args:
             replay: Memory to draw from.
             step: Control steps of the phase so far.
-            critics_only: Leave actor and temperature as they are; in the task phase alone.
+            fits: Fit the actor to the exploration policy; in the task phase alone.
 
         Returns:
             The losses and other curves of the step, as scalars.
         """
-        batch, losses = self._batch(replay), dict[str, Tensor]()
+        batch, losses, prior = self._batch(replay), dict[str, Tensor](), None
         if self.exploring and self.curiosity is not None:
             errors = self.curiosity.update(batch)
             reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
@@ -198,28 +201,31 @@ class Learner:
         else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-        if self.keypoints is not None and self.learns_keypoints:
-            self.keypoints.update(batch.image[::2])
-            if self.policy_sees_keypoints:
-                now, then = map(self.keypoints.encode, (batch.image, batch.next_image))
-                batch = replace(batch, features=now, next_features=then)
+        if self.explored is not None:
+            prior = batch.image[:, KEYPOINT_FEATURES:]
         return losses | self.sac.update(
-            self._sensed_batch(batch), reward, self.noise, step, critics_only=critics_only
+            self._sensed_batch(batch), reward, self.noise, step, prior=prior, fits=fits
         )
 
     def _sensed_batch(self, batch: Batch) -> Batch:
         """Return the batch as actor and critics see it."""
         image, touch = self._sensed(batch.image, batch.touch)
         next_image, next_touch = self._sensed(batch.next_image, batch.next_touch)
-        features, _ = self._sensed(batch.features, touch)
-        next_features, _ = self._sensed(batch.next_features, next_touch)
+        if self.keypoints is not None:
+            image, next_image = (seen[:, :KEYPOINT_FEATURES] for seen in (image, next_image))
         return replace(
-            batch, image=image, touch=touch, next_image=next_image, next_touch=next_touch,
-            features=features, next_features=next_features,
-        )  # fmt: skip
+            batch, image=image, touch=touch, next_image=next_image, next_touch=next_touch
+        )
+
+    def _seen(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
+        """Return images, or in a task phase keypoints, and scaled touch as the policy sees them."""
+        if self.keypoints is not None:
+            _, felt = self._sensed(image, touch)
+            image = self.keypoints.encode(image, felt)
+        return self._sensed(image, touch)
 
     def _sensed(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
-        """Return images, or features, and scaled touch with the senses that are left out at 0."""
+        """Return images, or keypoints, and scaled touch with the senses that are left out at 0."""
         for sense in self.config.without:
             if sense == "vision":
                 image = torch.zeros_like(image)
@@ -229,9 +235,8 @@ class Learner:
         return image, touch
 
     def _batch(self, replay: Replay) -> Batch:
-        keypoints = self.keypoints
-        if keypoints is not None and self.policy_sees_keypoints and not self.learns_keypoints:
-            replay.encode(lambda image: keypoints.encode(image.to(self.device)))
+        if self.keypoints is not None:
+            replay.encode(self._features)
         batch = replay.sample(
             self.rng,
             self.config.sac.batch_size,
@@ -239,12 +244,25 @@ class Learner:
             discount=self.config.sac.discount,
             success_share=self.phase.success_share,
             device=self.device,
+            encoded=self.keypoints is not None,
         )
         return replace(
             batch,
             touch=self.scale.scaled(batch.touch),
             next_touch=self.scale.scaled(batch.next_touch),
         )
+
+    def _features(self, image: Tensor, touch: Tensor) -> Tensor:
+        """Return keypoints, and what the exploration policy would do: all that a task phase sees.
+
+        float32 (N, 2 KEYPOINTS + 2 A); zeros where there was no exploration.
+        """
+        image, touch = image.to(self.device), self.scale.scaled(touch.to(self.device))
+        features, _ = self._seen(image, touch)
+        if self.explored is None:
+            return functional.pad(features, (0, 2 * self.sac.action_size))
+        prior = self.explored.gaussian(*self._sensed(image, touch))
+        return torch.cat((features, prior), dim=1)
 
     def actor(self) -> TouchActor:
         """Return the policy as it stands, on the CPU, scales folded in, weights in half precision.
@@ -253,7 +271,7 @@ class Learner:
         senses that it learned without by its weights.
         """
         architecture, encoder = TouchActor.architecture, self.sac.encoder
-        if self.keypoints is not None and self.policy_sees_keypoints:
+        if self.keypoints is not None:
             architecture, encoder = KeypointActor.architecture, self.keypoints.encoder
         learned = {f"encoder.{name}": value for name, value in encoder.state_dict().items()}
         actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
@@ -265,20 +283,21 @@ class Learner:
     def _fold_constants(self, actor: TouchActor) -> None:
         """Move what a constant sense adds to the first layer into its bias."""
         weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
-        for sense in self.config.without:
-            if sense == "vision":
-                if not self.policy_sees_keypoints:  # whose coordinates would be 0
-                    black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
-                    bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
-                weight[:, :-TOUCH_SIZE] = 0.0
-            else:
-                weight[:, -TOUCH_SIZE:][:, SENSED_TOUCH[sense]] = 0.0
+        if "vision" in self.config.without:
+            if self.keypoints is None:  # whose coordinates would be 0
+                black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
+                bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
+            weight[:, :-TOUCH_SIZE] = 0.0
+        if self.keypoints is not None:
+            self.keypoints.fold_into(actor)
+        for sense, part in SENSED_TOUCH.items():
+            if sense in self.config.without:
+                weight[:, -TOUCH_SIZE:][:, part] = 0.0
 
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""
         state = {
             "exploring": self.exploring,
-            "learns_keypoints": self.learns_keypoints,
             "sac": self.sac.state_dict(),
             "optimizers": {n: o.state_dict() for n, o in self.sac.optimizers().items()},
             "noise": self.noise.get_state(),
@@ -287,14 +306,20 @@ class Learner:
         if self.curiosity is not None:
             state |= self.curiosity.state()
         if self.keypoints is not None:
-            state |= self.keypoints.state()
+            state["keypoints"] = self.keypoints.state_dict()
+            state["explored"] = self.explored and self.explored.state_dict()
         return state
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned."""
         self.exploring = state["exploring"]
-        self.learns_keypoints = state["learns_keypoints"]
-        self._begin_phase()
+        self.sac.begin_phase(self.phase)
+        if "keypoints" in state:
+            explored = state["explored"]
+            keypoints = self._begin_keypoints(explored=explored is not None)
+            keypoints.load_state_dict(state["keypoints"])
+            if self.explored is not None:
+                self.explored.load_state_dict(explored)
         self.sac.load_state_dict(state["sac"])
         for name, optimizer in self.sac.optimizers().items():
             optimizer.load_state_dict(state["optimizers"][name])
@@ -302,5 +327,3 @@ class Learner:
         self.rng.bit_generator.state = state["rng"]
         if self.curiosity is not None:
             self.curiosity.load_state(state)
-        if self.keypoints is not None:
-            self.keypoints.load_state(state)

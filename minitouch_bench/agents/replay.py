@@ -29,12 +29,12 @@ _COLUMNS = ("_touch", "_action", "_reward", "_ended", "_last", "_led_to_success"
 class Batch:
     """N transitions on the learner's device, ``n_step`` control steps long.
 
-    ``image``, ``next_image`` uint8 (N, 1, H, W), or what SAC sees of them, float32 (N, F);
-    ``features``, ``next_features`` float32 (N, F), 0 where they are not encoded; ``touch``,
-    ``next_touch`` float32 (N, 11), as the environment gives them; ``action`` float32 (N, A);
+    ``image``, ``next_image`` uint8 (N, 1, H, W), or the features kept of them, float32 (N, F);
+    ``touch``, ``next_touch`` float32 (N, 11), as the environment gives them; ``action`` float32
+    (N, A);
     ``task_reward`` float32 (N,), discounted and summed over the steps; ``discount`` float32 (N,),
     what a value of the reached state counts; ``ended`` bool (N,), whether the episode ended there
-    for good; ``led_to_success`` bool (N,), whether a success followed within SUCCESS_STEPS.
+    for good.
     """
 
     image: Tensor
@@ -45,9 +45,6 @@ class Batch:
     task_reward: Tensor
     discount: Tensor
     ended: Tensor
-    led_to_success: Tensor
-    features: Tensor
-    next_features: Tensor
 
 
 class Replay:
@@ -133,16 +130,17 @@ class Replay:
         self._led_to_success[row] = False
         self.rows += 1
 
-    def encode(self, encode: Callable[[Tensor], Tensor]) -> None:
-        """Keep the features of each image that has none yet.
+    def encode(self, encode: Callable[[Tensor, Tensor], Tensor]) -> None:
+        """Keep the features of each observation that has none yet.
 
-        ``encode`` maps images uint8 (N, 1, H, W) to features float32 (N, F). They are kept with
-        the images, because the same image can have other bits in a larger batch.
+        ``encode`` maps images uint8 (N, 1, H, W) and touch float32 (N, 11) to features float32
+        (N, F). They are kept, because the same image can have other bits in a larger batch.
         """
         self._encoded = max(self._encoded, self.rows - len(self))
         while self._encoded < self.rows:
             rows = np.arange(self._encoded, min(self._encoded + ENCODED_AT_ONCE, self.rows))
-            features = encode(torch.from_numpy(self._unpacked(rows)))
+            touch = torch.from_numpy(self._touch[rows % self.capacity])
+            features = encode(torch.from_numpy(self._unpacked(rows)), touch)
             self._features[rows % self.capacity] = features.numpy(force=True)
             self._encoded += len(rows)
 
@@ -168,11 +166,12 @@ class Replay:
         discount: float,
         success_share: float,
         device: torch.device,
+        encoded: bool = False,
     ) -> Batch:
         """Draw a batch of transitions, uniformly where enough of them led to a success.
 
         Where they are fewer than ``success_share`` of the memory, more of them are drawn, so that
-        they are that share of the batch.
+        they are that share of the batch. ``encoded``: with the features in place of the images.
         """
         starts = self._draw(rng, size)
         self._draw_successes(rng, starts, success_share)
@@ -187,20 +186,25 @@ class Replay:
             ended |= alive & self._ended[at]
             rows += alive
         now, then = starts % self.capacity, rows % self.capacity
-        both = _tensor(self._unpacked(np.concatenate((starts, rows))), device)
+        both = np.concatenate((starts, rows))
+        seen = self._features[both % self.capacity] if encoded else self._unpacked(both)
+        image, next_image = _tensor(seen, device).chunk(2)
         return Batch(
-            image=both[:size],
+            image=image,
             touch=_tensor(self._touch[now], device),
             action=_tensor(self._action[now], device),
-            next_image=both[size:],
+            next_image=next_image,
             next_touch=_tensor(self._touch[then], device),
             task_reward=_tensor(reward, device),
             discount=_tensor(factor, device),
             ended=_tensor(ended, device),
-            led_to_success=_tensor(self._led_to_success[now], device),
-            features=_tensor(self._features[now], device),
-            next_features=_tensor(self._features[then], device),
         )
+
+    def sample_observations(self, rng: np.random.Generator, size: int) -> tuple[Tensor, Tensor]:
+        """Draw observations uniformly: images uint8 (N, 1, H, W), touch float32 (N, 11)."""
+        rows = rng.integers(self.rows - len(self), self.rows, size)
+        images, touch = self._unpacked(rows), self._touch[rows % self.capacity]
+        return torch.from_numpy(images), torch.from_numpy(touch)
 
     def _draw(self, rng: np.random.Generator, size: int) -> NDArray[np.int64]:
         """Draw rows that an action followed; the newest row has none yet."""

@@ -1,14 +1,12 @@
 """Soft actor-critic (Haarnoja et al. 2018) on image and touch, with one shared encoder.
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
-et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021). Or there
-is no encoder, and both see the coordinates of keypoints, which something else has learned.
+et al. 2021). Or there is no encoder, and both see features that something else has learned.
 
-In a task phase after an exploration the actor's loss has two more terms, so that the policy does
-not leave what curiosity found while the task's new critics are wrong: the divergence from the
-exploration policy, as in KL-regularized reinforcement learning (Galashov et al. 2019), and the
-imitation of actions that led to a success where the critics value them above the policy's (Nair et
-al. 2018, "Q filter"). Layer norm in the critics follows RLPD (Ball et al. 2023).
+The actor's loss can have one more term, so that the policy does not leave what curiosity found
+while the task's new critics are wrong: the divergence from the exploration policy, as in
+KL-regularized reinforcement learning (Galashov et al. 2019). Layer norm in the critics follows
+RLPD (Ball et al. 2023).
 """
 
 import copy
@@ -24,7 +22,6 @@ from minitouch_bench.agents.replay import Batch
 from minitouch_bench.policies.networks import (
     FEATURES,
     HIDDEN_UNITS,
-    KEYPOINT_FEATURES,
     TOUCH_SIZE,
     TouchActor,
     VisualEncoder,
@@ -61,17 +58,8 @@ def _critic(inputs: int, *, layer_norm: bool) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Linear(HIDDEN_UNITS, 1))
 
 
-class Prior(nn.Module):
-    """A policy that another one stays near, as it was when it was kept."""
-
-    def __init__(self, encoder: nn.Module, actor: TouchActor) -> None:
-        super().__init__()
-        self.encoder, self.actor = encoder, actor
-        self.requires_grad_(False)
-
-
 class Sac(nn.Module):
-    """The networks of both phases, their optimizers, and one gradient step."""
+    """The networks, their optimizers, and one gradient step."""
 
     def __init__(
         self,
@@ -81,34 +69,20 @@ class Sac(nn.Module):
         touch_size: int = TOUCH_SIZE,
         encoder: nn.Module | None = None,
         features: int = FEATURES,
-        sees_keypoints: bool = False,
+        layer_norm: bool = False,
     ) -> None:
         super().__init__()
         self.config = config
         self.action_size = action_size
-        self.sees_keypoints = sees_keypoints
-        if sees_keypoints:
-            encoder, features = nn.Identity(), KEYPOINT_FEATURES
         self.encoder = encoder or VisualEncoder(config.encoder_width)
         self.actor = TouchActor(
             action_size, encoder=nn.Identity(), features=features, touch_size=touch_size
         )
-        self._critic_inputs = features + touch_size + action_size
-        self.critics = TwoCritics(self._critic_inputs, layer_norm=False)
+        self.critics = TwoCritics(features + touch_size + action_size, layer_norm=layer_norm)
         followed = self.encoder if config.target_encoder else nn.Identity()
         self.target_encoder = copy.deepcopy(followed).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self.log_temperature = nn.Parameter(torch.zeros(()))
-        self.prior: Prior | None = None
-
-    def keep_prior(self, explored: "Sac") -> None:
-        """Keep the policy of ``explored``, often these networks' own, as the prior; renew critics.
-
-        The new critics have layer norm.
-        """
-        self.prior = Prior(copy.deepcopy(explored.encoder), copy.deepcopy(explored.actor))
-        self.critics = TwoCritics(self._critic_inputs, layer_norm=True)
-        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
 
     def begin_phase(self, phase: PhaseConfig) -> None:
         """Take a phase's settings, with fresh optimizers."""
@@ -132,6 +106,11 @@ class Sac(nn.Module):
         """Return stochastic actions float32 (N, A) in (-1, 1)."""
         return self._sample(self._encode(self.encoder, image), touch, generator)[0]
 
+    @torch.no_grad()
+    def gaussian(self, image: Tensor, touch: Tensor) -> Tensor:
+        """Return the policy's mean and log standard deviation side by side, float32 (N, 2 A)."""
+        return torch.cat(self.actor.gaussian_of(self._encode(self.encoder, image), touch), dim=1)
+
     def update(
         self,
         batch: Batch,
@@ -139,16 +118,21 @@ class Sac(nn.Module):
         generator: torch.Generator,
         step: int,
         *,
-        critics_only: bool = False,
+        prior: Tensor | None = None,
+        fits: bool = False,
     ) -> dict[str, Tensor]:
         """Do one gradient step of critics, actor, temperature and targets.
 
         ``reward`` float32 (N,), of the whole transition. ``step``: control steps of the phase so
-        far. ``critics_only`` leaves actor and temperature as they are. Returns the losses and what
-        else is worth a curve, as scalars.
+        far. ``prior``: what ``gaussian`` of the exploration policy returned for the batch.
+        ``fits``: the actor is fitted to the prior in place of the critics, or is left alone if
+        there is none. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
-        image, next_image = self._seen(batch, generator)
+        image, next_image = (
+            shift_at_random(image, self.config.shift, generator)
+            for image in (batch.image, batch.next_image)
+        )
         features = self._encode(self.encoder, image)
 
         with torch.no_grad():
@@ -164,23 +148,18 @@ class Sac(nn.Module):
         critic_loss = functional.mse_loss(first, target) + functional.mse_loss(second, target)
         _step(self.critic_optimizer, critic_loss)
         losses = {"critic_loss": critic_loss.detach(), "value": first.detach().mean()}
-        if critics_only:
-            if self.sees_keypoints and self.prior is not None:
-                self._fit_to(self.prior, features, batch)
+        features = features.detach()
+        if fits:
+            if prior is not None:
+                _step(self.actor_optimizer, self._distance_from(prior, features, batch.touch))
             self._follow()
             return losses
 
-        features = features.detach()
         action, log_prob = self._sample(features, batch.touch, generator)
-        value = torch.minimum(*self._frozen_critics(features, batch.touch, action))
+        value = torch.minimum(*self.critics(features, batch.touch, action))
         actor_loss = (alpha * log_prob - value).mean()
-        if self.phase.imitation:
-            recorded = (first + second).detach() / 2.0
-            better = batch.led_to_success & (recorded > value.detach())
-            distance = (action - batch.action).square().sum(dim=1)
-            actor_loss = actor_loss + self.phase.imitation * (better * distance).mean()
-        if self.prior is not None and (weight := self.phase.prior_weight_at(step)):
-            divergence = self._divergence_from(self.prior, features, batch)
+        if prior is not None and (weight := self.phase.prior_weight_at(step)):
+            divergence = self._divergence_from(prior, features, batch.touch)
             actor_loss = actor_loss + weight * divergence
         entropy = -log_prob.detach().mean()
         missing = self.phase.target_entropy_at(step) * self.action_size - entropy
@@ -193,24 +172,16 @@ class Sac(nn.Module):
             "temperature": alpha,
         }
 
-    def _fit_to(self, prior: Prior, features: Tensor, batch: Batch) -> None:
-        """Move the actor's mean and log standard deviation towards the prior's."""
-        mean, log_std = self.actor.gaussian_of(features.detach(), batch.touch)
-        prior_mean, prior_log_std = self._gaussian_of(prior, batch)
-        loss = functional.mse_loss(mean, prior_mean) + functional.mse_loss(log_std, prior_log_std)
-        _step(self.actor_optimizer, loss)
+    def _distance_from(self, prior: Tensor, features: Tensor, touch: Tensor) -> Tensor:
+        """Return the squared distance of means and log standard deviations."""
+        mean, log_std = self.actor.gaussian_of(features, touch)
+        prior_mean, prior_log_std = _mean_and_log_std(prior)
+        return functional.mse_loss(mean, prior_mean) + functional.mse_loss(log_std, prior_log_std)
 
-    @torch.no_grad()
-    def _gaussian_of(self, prior: Prior, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Return the prior's mean and log standard deviation, each float32 (N, A)."""
-        seen = self._encode(prior.encoder, batch.image)
-        mean, log_std = prior.actor.gaussian_of(seen, batch.touch)
-        return mean, log_std.clamp_min(LEAST_PRIOR_LOG_STD)
-
-    def _divergence_from(self, prior: Prior, features: Tensor, batch: Batch) -> Tensor:
+    def _divergence_from(self, prior: Tensor, features: Tensor, touch: Tensor) -> Tensor:
         """Return the batch's mean KL(policy, prior) in nats, before squashing, each capped."""
-        mean, log_std = self.actor.gaussian_of(features, batch.touch)
-        prior_mean, prior_log_std = self._gaussian_of(prior, batch)
+        mean, log_std = self.actor.gaussian_of(features, touch)
+        prior_mean, prior_log_std = _mean_and_log_std(prior)
         square = (2.0 * log_std).exp() + (mean - prior_mean).square()
         ratio = square / (2.0 * (2.0 * prior_log_std).exp())
         divergence = (prior_log_std - log_std + ratio - 0.5).sum(dim=1)
@@ -228,27 +199,8 @@ class Sac(nn.Module):
         squash = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
         return torch.tanh(raw), (normal - squash).sum(dim=1)
 
-    def _frozen_critics(
-        self, features: Tensor, touch: Tensor, action: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Return the critics' values without gradients for the critics themselves."""
-        self.critics.requires_grad_(False)
-        values: tuple[Tensor, Tensor] = self.critics(features, touch, action)
-        self.critics.requires_grad_(True)
-        return values
-
     def _encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         return encode(encoder, image, bfloat16=self.config.bfloat16)
-
-    def _seen(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Return what the encoder gets of both observations: coordinates, or shifted images."""
-        if self.sees_keypoints:
-            return batch.features, batch.next_features
-        first, second = (
-            shift_at_random(image, self.config.shift, generator)
-            for image in (batch.image, batch.next_image)
-        )
-        return first, second
 
     @torch.no_grad()
     def _follow(self) -> None:
@@ -261,6 +213,11 @@ class Sac(nn.Module):
             sources: list[Tensor] = list(source.parameters())
             if targets:
                 torch._foreach_lerp_(targets, sources, self.config.target_rate)
+
+
+def _mean_and_log_std(prior: Tensor) -> tuple[Tensor, Tensor]:
+    mean, log_std = prior.chunk(2, dim=1)
+    return mean, log_std.clamp_min(LEAST_PRIOR_LOG_STD)
 
 
 def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
@@ -285,6 +242,8 @@ def shift_at_random(image: Tensor, pixels: int, generator: torch.Generator) -> T
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
+    """Do a gradient step of the optimizer's own parameters; others get no gradient."""
+    own = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     optimizer.zero_grad()
-    loss.backward()  # type: ignore[no-untyped-call]
+    loss.backward(inputs=own)  # type: ignore[no-untyped-call]
     optimizer.step()

@@ -164,7 +164,9 @@ class Training:
         self._callbacks = callbacks
         spec = environment.task.spec
         self._learner = Learner(config, spec, device)
-        features = KEYPOINT_FEATURES if config.sac.keypoint_steps else 0
+        features = KEYPOINT_FEATURES + 2 * spec.action_size
+        if not config.task_phase.keypoint_updates:
+            features = 0
         self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._tally = Tally()
@@ -199,9 +201,7 @@ class Training:
             if self._callbacks.should_stop():
                 self._save()
                 return False
-            if self.step == self.config.sac.keypoint_steps:
-                self._learner.learns_keypoints = False
-            if self.step == self.config.exploration_steps > 0 and self._learner.exploring:
+            if self.step == self.config.task_phase_begin:
                 self._begin_task_phase()
             if self._is_from_dataset:
                 self.step += 1
@@ -277,11 +277,16 @@ class Training:
         return int(learned * rate) - int((learned - 1) * rate)
 
     def _begin_task_phase(self) -> None:
-        save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
-        if updates := self.config.task_phase.critic_updates:
-            self._callbacks.note(f"{updates:,} gradient steps of the task's new critics")
+        phase = self.config.task_phase
+        if self._learner.exploring:
+            save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
+        if phase.keypoint_updates:
+            self._callbacks.note(
+                f"new networks for the task: {phase.keypoint_updates:,} gradient steps of "
+                f"keypoints, {phase.fitting_updates:,} of actor and critics"
+            )
         self._learner.begin_task_phase(self._replay)
-        if self.config.dataset:
+        if self.config.dataset and self.config.exploration_steps:
             self._begin_episode()
 
     def _keep_records(self) -> None:

@@ -52,10 +52,7 @@ def train(
     ] = None,
     preset: Annotated[
         str,
-        typer.Option(
-            help="default (what the studies use), keypoints (coordinates in place of the image in "
-            "the task phase; experimental) or paper (values of the supplement)."
-        ),
+        typer.Option(help="default (what learned best) or paper (values of the supplement)."),
     ] = "default",
     config: Annotated[
         Path | None,

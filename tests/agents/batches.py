@@ -23,7 +23,4 @@ def random_batch(size=8, action_size=4, seed=0):
         task_reward=numbers(size),
         discount=torch.full((size,), 0.99),
         ended=torch.zeros(size, dtype=torch.bool),
-        led_to_success=torch.arange(size) % 2 == 0,
-        features=torch.zeros(size, 0),
-        next_features=torch.zeros(size, 0),
     )

@@ -1,78 +1,95 @@
 """Keypoints follow what moves, without being told where it is."""
 
-import copy
-
 import numpy as np
 import torch
+from torch import nn
 
-from minitouch_bench.agents.keypoints import KeypointModel
+from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.policies.networks import KEYPOINT_FEATURES
+from minitouch_bench.policies.networks import KEYPOINT_FEATURES, KEYPOINTS, TouchActor
 
 
 def scenes(count, seed):
-    """Return images of a dark and a gray square on a lighter ground, and their places in pixels."""
+    """Return images, touch and places in pixels of a dark and a gray square on a lighter ground.
+
+    The hand is where the dark square is.
+    """
     rng = np.random.default_rng(seed)
     places = rng.integers(8, 68, (count, 2, 2))
     images = np.full((count, 1, 84, 84), 180, np.uint8)
     for image, two in zip(images, places, strict=True):
         for (row, column), gray in zip(two, (30, 100), strict=True):
             image[0, row : row + 8, column : column + 8] = gray
-    return torch.from_numpy(images), torch.from_numpy(places).flatten(1).float()
+    touch = torch.zeros(count, 11)
+    touch[:, :2] = torch.from_numpy(places[:, 0]) / 30.0 - 1.2
+    return torch.from_numpy(images), touch, torch.from_numpy(places).flatten(1).float()
 
 
-def make(seed=0):
+def make(updates=0, seed=0):
     torch.manual_seed(seed)
-    model = KeypointModel().to(memory_format=torch.channels_last)
-    model.begin()
+    model = Keypoints().to(memory_format=torch.channels_last)
+    images, touch, _ = scenes(2000, 0)
+    rng = np.random.default_rng(0)
+
+    def draw(size):
+        rows = rng.integers(len(images), size=size)
+        return images[rows], touch[rows]
+
+    model.learn(draw, updates)
     return model
 
 
-def error_of(model):
-    """Return the error (pixels) of places read linearly from keypoints, on other scenes."""
-    (images, places), (others, there) = scenes(500, 1), scenes(300, 2)
-    one, other = (
-        torch.cat((model.encode(seen), torch.ones(len(seen), 1)), dim=1)
-        for seen in (images, others)
-    )
-    solution = torch.linalg.lstsq(one, places).solution
+def read(seen, wanted, others, there):
+    """Return the error (pixels) of places read linearly, on other scenes."""
+    one, other = (nn.functional.pad(some, (0, 1), value=1.0) for some in (seen, others))
+    solution = torch.linalg.lstsq(one, wanted).solution
     return float((other @ solution - there).square().mean().sqrt())
 
 
-def test_places_of_objects_can_be_read_from_keypoints_that_never_saw_them():
-    model = make()
-    before = error_of(model)
-    images, _ = scenes(2000, 0)
-    rng = np.random.default_rng(0)
-    for _ in range(150):
-        model.update(images[rng.integers(len(images), size=64)])
-    after = error_of(model)
-    assert after < 2.5
-    assert after < 0.75 * before  # random convolutions tell places apart, too
+def test_places_relative_to_the_hand_can_be_read_from_keypoints_that_never_saw_them():
+    (images, touch, places), (others, felt, there) = scenes(500, 1), scenes(300, 2)
+    relative, wanted = (two[:, 2:] - two[:, :2] for two in (places, there))
+    model, before = make(150), make()
+    errors = [
+        read(one.encode(images, touch), relative, one.encode(others, felt), wanted)
+        for one in (before, model)
+    ]
+    assert errors[1] < 3.0
+    assert errors[1] < 0.75 * errors[0]  # random convolutions tell places apart, too
 
 
-def test_a_model_goes_on_from_its_state():
-    images, _ = scenes(8, 0)
-    one, other = make(), make(seed=1)
-    one.update(images)
-    other.load_state(copy.deepcopy(one.state()))
-    assert one.update(images) == other.update(images)
-    assert torch.equal(one.encode(images), other.encode(images))
+def test_the_keypoint_that_follows_the_hand_is_found():
+    images, touch, _ = scenes(300, 2)
+    relative = make(150).encode(images, touch).view(-1, 2, KEYPOINTS).square().sum(dim=1)
+    # The hand itself is near 0 wherever it is; one coordinate is a tenth of the image.
+    near, *others = relative.mean(dim=0).sqrt().sort().values
+    assert near < 1.0
+    assert others[0] > 1.5
+
+
+def test_an_actor_on_relative_keypoints_becomes_one_on_keypoints_in_the_image():
+    images, touch, _ = scenes(8, 3)
+    model = make(10)
+    actor = TouchActor(4, encoder=nn.Identity(), features=KEYPOINT_FEATURES)
+    with torch.no_grad():
+        expected = actor(model.encode(images, touch), touch)
+        model.fold_into(actor)
+        folded = actor(model.encoder(images), touch)
+    torch.testing.assert_close(folded, expected, atol=1e-5, rtol=0)
 
 
 def test_a_memory_that_is_encoded_gives_the_features_of_its_images():
-    images, _ = scenes(6, 0)
+    images, touch, _ = scenes(6, 0)
     replay, model, rng = Replay(4, 11, 4, KEYPOINT_FEATURES), make(), np.random.default_rng(0)
-    touch = np.zeros(11, np.float32)
-    replay.begin_episode(images[0].numpy(), touch)
-    for image in images[1:]:
+    replay.begin_episode(images[0].numpy(), touch[0].numpy())
+    for image, felt in zip(images[1:], touch[1:], strict=True):
         action = np.zeros(4, np.float32)
-        replay.add(action, 0.0, image.numpy(), touch, success=False, ended=False)
+        replay.add(action, 0.0, image.numpy(), felt.numpy(), success=False, ended=False)
     replay.encode(model.encode)
-    known = model.encode(images)
+    known = model.encode(images, touch)
     chances = {"n_step": 1, "discount": 1.0, "success_share": 0.0, "device": torch.device("cpu")}
-    batch = replay.sample(rng, 32, **chances)
-    for now, then in zip(batch.features, batch.next_features, strict=True):
+    batch = replay.sample(rng, 32, **chances, encoded=True)
+    for now, then in zip(batch.image, batch.next_image, strict=True):
         row = int((known - now).square().sum(dim=1).argmin())
         torch.testing.assert_close(now, known[row])
         torch.testing.assert_close(then, known[row + 1])

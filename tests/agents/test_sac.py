@@ -65,38 +65,39 @@ def test_temperature_falls_where_there_is_entropy_to_spare(target, falls):
     assert (sac.log_temperature.item() < before) == falls
 
 
-def test_updates_of_the_critics_alone_leave_the_policy_as_it_is():
-    sac, batch = make(), random_batch()
-    before = weights(sac.actor), sac.log_temperature.item(), weights(sac.critics)
-    losses = sac.update(batch, batch.task_reward, generator(), 0, critics_only=True)
-    assert set(losses) == {"critic_loss", "value"}
-    assert torch.equal(weights(sac.actor), before[0])
-    assert sac.log_temperature.item() == before[1]
-    assert not torch.equal(weights(sac.critics), before[2])
+def test_fitting_moves_the_policy_to_the_prior_alone():
+    batch = random_batch()
+    for prior in (None, torch.zeros(8, 8)):
+        sac = make(PhaseConfig(10, learning_rate=1e-3))
+        before = weights(sac.actor), sac.log_temperature.item(), weights(sac.critics)
+        far = sac.gaussian(batch.image, batch.touch).square().mean()
+        losses = sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fits=True)
+        assert set(losses) == {"critic_loss", "value"}
+        assert torch.equal(weights(sac.actor), before[0]) == (prior is None)
+        assert sac.log_temperature.item() == before[1]
+        assert not torch.equal(weights(sac.critics), before[2])
+        for _ in range(20):
+            sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fits=True)
+    assert sac.gaussian(batch.image, batch.touch).square().mean() < far
 
 
-def moved(sac, *, value=30.0):
-    """Return how far the mean action moves in 20 steps, and its distance to the recorded one."""
+def moved(sac, prior):
+    """Return how far the mean action moves in 20 steps."""
     batch, noise = random_batch(), generator()
-    with torch.no_grad():
-        features = sac.encoder(batch.image)
-        before = torch.tanh(sac.actor.gaussian_of(features, batch.touch)[0])
+    before = torch.tanh(sac.gaussian(batch.image, batch.touch)[:, :4])
     for _ in range(20):
-        sac.update(batch, torch.full((8,), value), noise, 0)
-    with torch.no_grad():
-        after = torch.tanh(sac.actor.gaussian_of(sac.encoder(batch.image), batch.touch)[0])
-    successes = batch.led_to_success
-    far = (after - batch.action).square().sum(dim=1)
-    return float((after - before).square().sum(dim=1).mean()), float(far[successes].mean())
+        sac.update(batch, torch.full((8,), 30.0), noise, 0, prior=prior)
+    after = torch.tanh(sac.gaussian(batch.image, batch.touch)[:, :4])
+    return float((after - before).square().sum(dim=1).mean())
 
 
 def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
     distances = []
-    for weight, steps in ((0.0, 1), (100.0, 1)):
-        sac = make()
-        sac.keep_prior(sac)
-        sac.begin_phase(PhaseConfig(10, learning_rate=1e-3, prior_weight=weight, prior_steps=steps))
-        distances.append(moved(sac)[0])
+    for weight in (0.0, 100.0):
+        sac, batch = make(), random_batch()
+        prior = sac.gaussian(batch.image, batch.touch)
+        sac.begin_phase(PhaseConfig(10, learning_rate=1e-3, prior_weight=weight, prior_steps=1))
+        distances.append(moved(sac, prior))
     free, held = distances
     assert held < 0.3 * free
     phase = PhaseConfig(10, prior_weight=0.5, prior_steps=4)
@@ -105,27 +106,18 @@ def test_a_prior_keeps_the_policy_near_it_until_it_has_faded():
 
 def test_divergence_is_that_of_the_two_gaussians():
     sac, batch = make(), random_batch()
-    sac.keep_prior(sac)
+    prior = sac.gaussian(batch.image, batch.touch)
     with torch.no_grad():
         sac.actor.mean.bias += 0.1
         sac.actor.log_std.bias -= 0.2
         features = sac.encoder(batch.image)
-        ours, prior = (
+        now = sac.gaussian(batch.image, batch.touch)
+        ours, theirs = (
             torch.distributions.Normal(mean, log_std.exp())
-            for mean, log_std in (
-                actor.gaussian_of(features, batch.touch) for actor in (sac.actor, sac.prior.actor)
-            )
+            for mean, log_std in (one.chunk(2, dim=1) for one in (now, prior))
         )
-        expected = torch.distributions.kl_divergence(ours, prior).sum(dim=1).mean()
-        torch.testing.assert_close(sac._divergence_from(sac.prior, features, batch), expected)
-
-
-def test_imitation_draws_the_policy_to_what_led_to_a_success_where_critics_value_it():
-    near = [
-        moved(make(PhaseConfig(10, learning_rate=1e-3, imitation=weight)))[1]
-        for weight in (0.0, 10.0)
-    ]
-    assert near[1] < near[0]
+        expected = torch.distributions.kl_divergence(ours, theirs).sum(dim=1).mean()
+        torch.testing.assert_close(sac._divergence_from(prior, features, batch.touch), expected)
 
 
 def test_log_probability_is_that_of_the_squashed_gaussian():

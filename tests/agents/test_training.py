@@ -112,11 +112,11 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method):
     assert_resumed_in_both_phases(replace(CONFIG, method=method, evaluate_every=0), tmp_path)
 
 
-# Keypoints are learned until the middle of exploration, or into the task phase; sac has one phase.
-@pytest.mark.parametrize(("method", "steps"), [("hac", 20), ("hac", 40), ("sac", 20)])
-def test_with_keypoints_it_is_resumed_in_both_phases(tmp_path, method, steps):
-    sac = replace(CONFIG.sac, keypoint_steps=steps)
-    config = replace(CONFIG, method=method, evaluate_every=0, sac=sac)
+# Without keypoints the task phase goes on with the networks of the exploration; sac has one phase.
+@pytest.mark.parametrize(("method", "updates"), [("hac", 0), ("sac", 0), ("sac", 3)])
+def test_it_is_resumed_with_and_without_keypoints(tmp_path, method, updates):
+    phase = replace(CONFIG.task_phase, keypoint_updates=updates)
+    config = replace(CONFIG, method=method, evaluate_every=0, task_phase=phase)
     assert_resumed_in_both_phases(config, tmp_path)
 
 

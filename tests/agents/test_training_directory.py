@@ -148,7 +148,7 @@ def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
         random_steps=CONFIG.steps - 1,
         evaluate_every=0,
         task_phase=replace(
-            CONFIG.task_phase, learning_rate=1e6, updates_per_step=20.0, critic_updates=0
+            CONFIG.task_phase, learning_rate=1e6, updates_per_step=20.0, keypoint_updates=0
         ),
     )
     with pytest.raises(UsageError, match="diverged after step 50: a weight of the policy is NaN"):
