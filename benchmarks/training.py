@@ -14,11 +14,11 @@ import torch
 
 from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.checkpoint import CheckpointFiles
-from minitouch_bench.agents.config import PRESETS
+from minitouch_bench.agents.config import PRESETS, TrainingConfig
 from minitouch_bench.agents.learner import Learner
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.agents.training_directory import run_training
-from minitouch_bench.policies.networks import TOUCH_SIZE
+from minitouch_bench.policies.networks import KEYPOINT_FEATURES, TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -47,15 +47,25 @@ def main() -> None:
         print(f"{task}: {rate:.0f} control steps/s, {memory:.0f} bytes a transition")
     observation, _ = environment.reset(seed=0)
     for method in METHODS:
-        config = replace(PRESETS[preset](TASK_NAMES[-1]), method=method)
+        config = replace(with_short_switch(PRESETS[preset](TASK_NAMES[-1])), method=method)
         learner = Learner(config, environment.task.spec, torch.device("cpu"))
+        if method == "sac":  # the task phase of the others costs the same
+            learner.begin_task_phase(replay)
         act = cpu_ms(ACTIONS, lambda learner=learner: learner.act(observation))
         update = cpu_ms(UPDATES, lambda learner=learner: learner.update(replay, 0))
         print(f"{method}: {act:.1f} ms an action, {update:.1f} ms a gradient step")
     for method in METHODS:
         parts = control_step_ms(preset, method)
         listed = ", ".join(f"{name} {part:.1f}" for name, part in parts.items())
-        print(f"{method}: {sum(parts.values()):.1f} ms a control step of exploration: {listed}")
+        print(f"{method}: {sum(parts.values()):.1f} ms a control step: {listed}")
+
+
+def with_short_switch(config: TrainingConfig) -> TrainingConfig:
+    """Return settings whose task phase begins at once."""
+    phase = config.task_phase
+    keypoint_updates = min(1, phase.keypoint_updates)
+    short = replace(phase, keypoint_updates=keypoint_updates, fitting_updates=0)
+    return replace(config, task_phase=short)
 
 
 def cpu_ms(count: int, work: Callable[[], object]) -> float:
@@ -73,7 +83,7 @@ def fill(task: str) -> tuple[MiniTouchEnv, Replay, float]:
     """Return an environment, the replay memory of random actions, and steps per second."""
     environment = MiniTouchEnv(task)
     size = environment.action_space.shape[0]
-    replay = Replay(FILLED, TOUCH_SIZE, size)
+    replay = Replay(FILLED, TOUCH_SIZE, size, KEYPOINT_FEATURES + 2 * size)
     rng = np.random.default_rng(0)
     started, ended = time.process_time(), True
     for _ in range(FILLED):
@@ -91,8 +101,11 @@ def fill(task: str) -> tuple[MiniTouchEnv, Replay, float]:
 
 
 def control_step_ms(preset: str, method: str) -> dict[str, float]:
-    """Return the processor's milliseconds by part of a control step, once learning has begun."""
-    config = PRESETS[preset]("pushing")
+    """Return the processor's milliseconds by part of a control step, once learning has begun.
+
+    It is one of the exploration, with ``sac`` of the task phase.
+    """
+    config = with_short_switch(PRESETS[preset]("pushing"))
     config = replace(
         config,
         method=method,

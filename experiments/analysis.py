@@ -72,7 +72,8 @@ def write_results(design: Mapping[str, Any], directory: Path) -> None:
     if len(results.judged):
         results.judged.to_csv(directory / "claims.csv", index=False)
     curves, episodes = (read_rows(directory, name) for name in ("curves", "episodes"))
-    write_figures(results.joined, episodes, curves, directory / "figures")
+    if len(curves):
+        write_figures(results.joined, episodes, curves, directory / "figures")
 
 
 def read_rows(directory: Path, name: str) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Draw what a final policy of the preset `keypoints` sees: python keypoints.py POLICY TASK"""
+"""Draw the keypoints that a final policy sees: python keypoints.py POLICY TASK"""
 
 import sys
 

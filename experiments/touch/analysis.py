@@ -64,8 +64,9 @@ NOTES = (
     "[explores less than random actions](../../results/notebook.md#is-the-learner-right). An arm "
     "without forces lacks them in both phases, so *to act* includes what felt forces do for "
     "exploration.",
-    "In the task phase a weight that falls to 0 at its end holds the policy near the exploration "
-    "policy, so poor exploration costs success too. Settings and lengths were chosen with `hac`.",
+    "In the first 10,000 control steps of the task phase a penalty, which fades, keeps the "
+    "policy near the exploration policy, so poor exploration costs success too. Settings and "
+    "lengths were chosen with `hac`.",
     "The tests were written before the design was locked, and are not part of it. Since then the "
     "code judges a claim as soon as both of its arms are finished, tests a single task in the "
     "direction of its claim, and leaves out a detectable difference that cannot be.",

@@ -261,8 +261,8 @@ PHASE_STEPS: Mapping[str, tuple[int, int]] = MappingProxyType(
     {
         "playing": (10_000, 0),
         "pushing": (15_000, 15_000),
-        "opening": (10_000, 15_000),
-        "pick-up": (30_000, 15_000),
+        "opening": (10_000, 10_000),
+        "pick-up": (30_000, 20_000),
     }
 )
 """Control steps of exploration and of the task phase in every preset: those of

@@ -130,33 +130,7 @@ class Curiosity(nn.Module, ABC):
         return encode(encoder, image, bfloat16=self.config.bfloat16)
 
 
-class PixelStatistics(nn.Module):
-    """Each pixel's mean and variance over all images seen, of one shape."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        super().__init__()
-        self.count: Tensor
-        self.mean: Tensor
-        self.square: Tensor
-        self.register_buffer("count", torch.zeros(()))
-        self.register_buffer("mean", torch.zeros(shape))
-        self.register_buffer("square", torch.zeros(shape))
-
-    @torch.no_grad()
-    def watch(self, images: Tensor) -> None:
-        """Add a batch (N, *shape) to the running mean and mean square of each pixel."""
-        gray = images.float()
-        self.count += len(gray)
-        rate = len(gray) / self.count
-        self.mean += rate * (gray.mean(dim=0) - self.mean)
-        self.square += rate * (gray.square().mean(dim=0) - self.square)
-
-    def variance(self, least: float) -> Tensor:
-        """Return each pixel's variance, float32 (*shape), at least ``least``."""
-        return (self.square - self.mean.square()).clamp_min(least)
-
-
-class Whitening(PixelStatistics):
+class Whitening(nn.Module):
     """Subtract each pixel's mean over all images seen, and divide by its standard deviation.
 
     The result is clipped to WHITENED_LIMIT (Burda et al. 2019). A random network tells images
@@ -164,11 +138,26 @@ class Whitening(PixelStatistics):
     """
 
     def __init__(self) -> None:
-        super().__init__(IMAGE_SHAPE)
+        super().__init__()
+        self.count: Tensor
+        self.mean: Tensor
+        self.square: Tensor
+        self.register_buffer("count", torch.zeros(()))
+        self.register_buffer("mean", torch.zeros(IMAGE_SHAPE))
+        self.register_buffer("square", torch.zeros(IMAGE_SHAPE))
+
+    @torch.no_grad()
+    def watch(self, images: Tensor) -> None:
+        """Add a batch, uint8 (N, 1, H, W), to the running mean and mean square of each pixel."""
+        gray = images.float()
+        self.count += len(gray)
+        rate = len(gray) / self.count
+        self.mean += rate * (gray.mean(dim=0) - self.mean)
+        self.square += rate * (gray.square().mean(dim=0) - self.square)
 
     def forward(self, images: Tensor) -> Tensor:
         """Return whitened images, float32 (N, 1, H, W)."""
-        variance = self.variance(1.0)
+        variance = (self.square - self.mean.square()).clamp_min(1.0)
         whitened = (images.float() - self.mean) / variance.sqrt()
         return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
 

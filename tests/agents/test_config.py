@@ -76,9 +76,9 @@ def test_a_trainings_settings_serve_another_task(tmp_path):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_training_is_as_long_as_in_the_study_of_table_4(preset):
-    grids = tomllib.loads((ROOT / "docs" / "studies" / "table4.toml").read_text())["per_task"]
-    for task, grid in grids.items():
+def test_a_training_is_as_long_as_in_the_study_of_touch(preset):
+    design = tomllib.loads((ROOT / "experiments" / "touch" / "design.toml").read_text())
+    for task, grid in design["per_task"].items():
         ours = make_config(task, preset)
         assert [ours.exploration.steps] == grid["exploration_steps"]
         assert ours.task_phase.steps == grid.get("task_steps", 0)
