@@ -144,7 +144,7 @@ class Learner:
 
         self._begin_keypoints(explored=explored).learn(draw, self.phase.keypoint_updates)
         for _ in range(self.phase.fitting_updates):
-            self.update(replay, 0, fits=True)
+            self.update(replay, 0, fitting=True)
 
     def _begin_keypoints(self, *, explored: bool) -> Keypoints:
         """Make the networks of a task phase that sees keypoints."""
@@ -179,7 +179,7 @@ class Learner:
         """Return a uniformly random action, float32 (A,)."""
         return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
 
-    def update(self, replay: Replay, step: int, *, fits: bool = False) -> dict[str, Tensor]:
+    def update(self, replay: Replay, step: int, *, fitting: bool = False) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
 
         While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
@@ -188,7 +188,7 @@ class Learner:
         Args:
             replay: Memory to draw from.
             step: Control steps of the phase so far.
-            fits: Fit the actor to the exploration policy; in the task phase alone.
+            fitting: Fit the actor to the exploration policy; in the task phase alone.
 
         Returns:
             The losses and other curves of the step, as scalars.
@@ -204,7 +204,7 @@ class Learner:
         if self.explored is not None:
             prior = batch.image[:, KEYPOINT_FEATURES:]
         return losses | self.sac.update(
-            self._sensed_batch(batch), reward, self.noise, step, prior=prior, fits=fits
+            self._sensed_batch(batch), reward, self.noise, step, prior=prior, fitting=fitting
         )
 
     def _sensed_batch(self, batch: Batch) -> Batch:

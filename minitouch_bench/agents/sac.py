@@ -119,14 +119,14 @@ class Sac(nn.Module):
         step: int,
         *,
         prior: Tensor | None = None,
-        fits: bool = False,
+        fitting: bool = False,
     ) -> dict[str, Tensor]:
         """Do one gradient step of critics, actor, temperature and targets.
 
         ``reward`` float32 (N,), of the whole transition. ``step``: control steps of the phase so
         far. ``prior``: what ``gaussian`` of the exploration policy returned for the batch.
-        ``fits``: the actor is fitted to the prior in place of the critics, or is left alone if
-        there is none. Returns the losses and what else is worth a curve, as scalars.
+        ``fitting``: the actor is fitted to the prior, where there is one, and leaves the critics'
+        values out of account. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
         image, next_image = (
@@ -149,7 +149,7 @@ class Sac(nn.Module):
         _step(self.critic_optimizer, critic_loss)
         losses = {"critic_loss": critic_loss.detach(), "value": first.detach().mean()}
         features = features.detach()
-        if fits:
+        if fitting:
             if prior is not None:
                 _step(self.actor_optimizer, self._distance_from(prior, features, batch.touch))
             self._follow()

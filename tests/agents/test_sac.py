@@ -71,13 +71,13 @@ def test_fitting_moves_the_policy_to_the_prior_alone():
         sac = make(PhaseConfig(10, learning_rate=1e-3))
         before = weights(sac.actor), sac.log_temperature.item(), weights(sac.critics)
         far = sac.gaussian(batch.image, batch.touch).square().mean()
-        losses = sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fits=True)
+        losses = sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fitting=True)
         assert set(losses) == {"critic_loss", "value"}
         assert torch.equal(weights(sac.actor), before[0]) == (prior is None)
         assert sac.log_temperature.item() == before[1]
         assert not torch.equal(weights(sac.critics), before[2])
         for _ in range(20):
-            sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fits=True)
+            sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fitting=True)
     assert sac.gaussian(batch.image, batch.touch).square().mean() < far
 
 
