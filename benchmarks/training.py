@@ -15,10 +15,10 @@ import torch
 from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import PRESETS, TrainingConfig
-from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.agents.training_directory import run_training
-from minitouch_bench.policies.networks import KEYPOINT_FEATURES, TOUCH_SIZE
+from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -83,7 +83,7 @@ def fill(task: str) -> tuple[MiniTouchEnv, Replay, float]:
     """Return an environment, the replay memory of random actions, and steps per second."""
     environment = MiniTouchEnv(task)
     size = environment.action_space.shape[0]
-    replay = Replay(FILLED, TOUCH_SIZE, size, KEYPOINT_FEATURES + 2 * size)
+    replay = Replay(FILLED, TOUCH_SIZE, size, kept_size(size))
     rng = np.random.default_rng(0)
     started, ended = time.process_time(), True
     for _ in range(FILLED):

@@ -29,7 +29,7 @@ from minitouch_bench.files import (
 CHECKPOINT_FILE = "checkpoint.pt"
 IMAGES_FILE = "replay.bin"
 
-CHECKPOINT_VERSION = 2
+CHECKPOINT_VERSION = 3
 """Changes with the meaning of what a checkpoint contains; only this version is resumed."""
 
 DAMAGE = (

@@ -78,7 +78,6 @@ class Keypoints(nn.Module):
             optimizer.step()
         self.find_hand(self._places(images), touch)
 
-    @torch.no_grad()
     def find_hand(self, places: Tensor, touch: Tensor) -> None:
         """Fit an affine map from the hand's position to the keypoint that it explains best.
 
@@ -92,7 +91,6 @@ class Keypoints(nn.Module):
         best = int((left / spread).argmin())
         self.hand.copy_(maps[:, [best, KEYPOINTS + best]])
 
-    @torch.no_grad()
     def encode(self, image: Tensor, touch: Tensor) -> Tensor:
         """Return all keypoints relative to the hand, float32 (N, 2 * KEYPOINTS).
 

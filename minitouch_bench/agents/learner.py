@@ -57,6 +57,11 @@ def _weights_drawn_from(seed: int) -> Iterator[None]:
         yield
 
 
+def kept_size(action_size: int) -> int:
+    """Return how many features of an observation a task phase on keypoints keeps."""
+    return KEYPOINT_FEATURES + 2 * action_size
+
+
 @dataclass(frozen=True)
 class TouchScale:
     """Touch as networks see it: (touch - center) / half, both float32 (11,)."""
@@ -106,7 +111,7 @@ class Learner:
         curiosity = replace(config.curiosity, bfloat16=config.curiosity.bfloat16 and half)
         self.exploring = config.exploration_steps > 0
         self.keypoints: Keypoints | None = None
-        self.explored: Sac | None = None
+        self.explorer: Sac | None = None
         with _weights_drawn_from(config.seed):
             self.sac = Sac(sac, action_size=spec.action_size)
             self.curiosity: Curiosity | None = None
@@ -132,8 +137,7 @@ class Learner:
         With keypoints these are learned from the memory's images first. Actor and critics are new
         and see them; the actor is fitted to the exploration policy, the critics to the memory.
         """
-        explored = self.exploring
-        self.exploring = False
+        explored, self.exploring = self.exploring, False
         if not self.phase.keypoint_updates:
             self.sac.begin_phase(self.phase)
             return
@@ -147,7 +151,7 @@ class Learner:
             self.update(replay, 0, fitting=True)
 
     def _begin_keypoints(self, *, explored: bool) -> Keypoints:
-        """Make the networks of a task phase that sees keypoints."""
+        """Make the networks of a task phase that sees keypoints; keep those that ``explored``."""
         # Not seed + 1: the training with that seed starts from those weights.
         (seed,) = np.random.SeedSequence(self.config.seed).generate_state(1, np.uint64).tolist()
         before = self.sac
@@ -163,7 +167,7 @@ class Learner:
         _arrange(keypoints, self.device)
         _arrange(self.sac, self.device)
         self.sac.begin_phase(self.phase)
-        self.keypoints, self.explored = keypoints, before if explored else None
+        self.keypoints, self.explorer = keypoints, before if explored else None
         return keypoints
 
     def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
@@ -201,7 +205,7 @@ class Learner:
         else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-        if self.explored is not None:
+        if self.explorer is not None:
             prior = batch.image[:, KEYPOINT_FEATURES:]
         return losses | self.sac.update(
             self._sensed_batch(batch), reward, self.noise, step, prior=prior, fitting=fitting
@@ -253,15 +257,15 @@ class Learner:
         )
 
     def _features(self, image: Tensor, touch: Tensor) -> Tensor:
-        """Return keypoints, and what the exploration policy would do: all that a task phase sees.
+        """Return keypoints and the exploration policy's Gaussian, float32 (N, kept_size(A)).
 
-        float32 (N, 2 KEYPOINTS + 2 A); zeros where there was no exploration.
+        The Gaussian is 0 where there was no exploration.
         """
         image, touch = image.to(self.device), self.scale.scaled(touch.to(self.device))
         features, _ = self._seen(image, touch)
-        if self.explored is None:
+        if self.explorer is None:
             return functional.pad(features, (0, 2 * self.sac.action_size))
-        prior = self.explored.gaussian(*self._sensed(image, touch))
+        prior = self.explorer.gaussian(*self._sensed(image, touch))
         return torch.cat((features, prior), dim=1)
 
     def actor(self) -> TouchActor:
@@ -307,7 +311,7 @@ class Learner:
             state |= self.curiosity.state()
         if self.keypoints is not None:
             state["keypoints"] = self.keypoints.state_dict()
-            state["explored"] = self.explored and self.explored.state_dict()
+            state["explorer"] = self.explorer and self.explorer.state_dict()
         return state
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -315,11 +319,11 @@ class Learner:
         self.exploring = state["exploring"]
         self.sac.begin_phase(self.phase)
         if "keypoints" in state:
-            explored = state["explored"]
-            keypoints = self._begin_keypoints(explored=explored is not None)
+            explorer = state["explorer"]
+            keypoints = self._begin_keypoints(explored=explorer is not None)
             keypoints.load_state_dict(state["keypoints"])
-            if self.explored is not None:
-                self.explored.load_state_dict(explored)
+            if self.explorer is not None:
+                self.explorer.load_state_dict(explorer)
         self.sac.load_state_dict(state["sac"])
         for name, optimizer in self.sac.optimizers().items():
             optimizer.load_state_dict(state["optimizers"][name])

@@ -1,7 +1,8 @@
 """Soft actor-critic (Haarnoja et al. 2018) on image and touch, with one shared encoder.
 
 The critics' loss trains the encoder; the actor reads its features and leaves it alone (Yarats
-et al. 2021). Or there is no encoder, and both see features that something else has learned.
+et al. 2021). Images can be shifted at random before each use (DrQ, Kostrikov et al. 2021). Or there
+is no encoder, and both see features that something else has learned.
 
 The actor's loss can have one more term, so that the policy does not leave what curiosity found
 while the task's new critics are wrong: the divergence from the exploration policy, as in
@@ -125,8 +126,8 @@ class Sac(nn.Module):
 
         ``reward`` float32 (N,), of the whole transition. ``step``: control steps of the phase so
         far. ``prior``: what ``gaussian`` of the exploration policy returned for the batch.
-        ``fitting``: the actor is fitted to the prior, where there is one, and leaves the critics'
-        values out of account. Returns the losses and what else is worth a curve, as scalars.
+        ``fitting``: the actor is fitted to the prior, if there is one, and not to the critics'
+        values. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
         image, next_image = (

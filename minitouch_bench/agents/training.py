@@ -15,14 +15,14 @@ from torch import Tensor
 
 from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import TrainingConfig
-from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError
 from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
 from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import KEYPOINT_FEATURES, TOUCH_SIZE, TouchActor
+from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -164,9 +164,7 @@ class Training:
         self._callbacks = callbacks
         spec = environment.task.spec
         self._learner = Learner(config, spec, device)
-        features = KEYPOINT_FEATURES + 2 * spec.action_size
-        if not config.task_phase.keypoint_updates:
-            features = 0
+        features = kept_size(spec.action_size) if config.task_phase.keypoint_updates else 0
         self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._tally = Tally()
@@ -277,7 +275,7 @@ class Training:
         return int(learned * rate) - int((learned - 1) * rate)
 
     def _begin_task_phase(self) -> None:
-        phase = self.config.task_phase
+        phase, from_dataset = self.config.task_phase, self._is_from_dataset
         if self._learner.exploring:
             save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
         if phase.keypoint_updates:
@@ -286,7 +284,7 @@ class Training:
                 f"keypoints, {phase.fitting_updates:,} of actor and critics"
             )
         self._learner.begin_task_phase(self._replay)
-        if self.config.dataset and self.config.exploration_steps:
+        if from_dataset:
             self._begin_episode()
 
     def _keep_records(self) -> None:

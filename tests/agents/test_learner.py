@@ -16,11 +16,11 @@ from minitouch_bench.agents.config import (
     TrainingConfig,
 )
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
-from minitouch_bench.agents.learner import Learner
+from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
-from minitouch_bench.policies.networks import ENCODER_CHANNELS, KEYPOINT_FEATURES
+from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.simulation.observation import SENSED_TOUCH
@@ -68,7 +68,7 @@ def test_a_policy_is_saved_in_half_precision_and_acts_the_same(tmp_path, keypoin
 
 
 def filled_replay():
-    replay, rng = Replay(100, 11, 4, KEYPOINT_FEATURES + 8), np.random.default_rng(0)
+    replay, rng = Replay(100, 11, 4, kept_size(4)), np.random.default_rng(0)
     image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
     replay.begin_episode(image, np.zeros(11, np.float32))
     for _ in range(20):

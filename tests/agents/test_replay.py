@@ -69,12 +69,16 @@ def test_what_led_to_a_success_is_a_share_of_the_batch(replay):
     batch = sample(replay, size=1000, share=0.25)
     starts = batch.action[:, 0]
     led_to_success = (starts >= 41) & (starts <= 45)
+    assert replay.state()["_led_to_success"].nonzero().flatten().tolist() == [*range(41, 46)]
     assert 0.2 < led_to_success.float().mean() < 0.3
+    starts = sample(replay, size=1000).action[:, 0]
+    assert not ((starts >= 41) & (starts <= 45)).float().mean() > 0.15
 
 
 def test_a_share_that_successes_have_anyway_is_not_drawn_again(replay):
     fill(replay, [(40, 0.0, False), (40, 25.0, True)])
     batch = sample(replay, size=1000, share=0.25)
+    assert replay.state()["_led_to_success"].nonzero().flatten().tolist() == [*range(41, 81)]
     assert 0.4 < (batch.action[:, 0] >= 41).float().mean() < 0.6
 
 
@@ -84,6 +88,8 @@ def test_the_oldest_rows_leave():
     assert len(replay) == 20
     batch = sample(replay, share=0.5)
     assert batch.action[:, 0].min() >= 30
+    state = replay.state()
+    assert torch.equal(state["_led_to_success"], ~state["_last"])
     assert torch.equal(batch.next_image[:, 0, 0, 0].float(), batch.action[:, 0] + 1)
 
 
