@@ -43,7 +43,9 @@ def main() -> None:
     preset = sys.argv[1] if len(sys.argv) > 1 else "default"
     for task in TASK_NAMES:
         environment, replay, rate = fill(task)
-        memory = replay.nbytes / replay.rows
+        columns = [part for part in replay.state().values() if isinstance(part, torch.Tensor)]
+        size = len(replay.images_since(0)) + sum(column.nbytes for column in columns)
+        memory = size / replay.rows
         print(f"{task}: {rate:.0f} control steps/s, {memory:.0f} bytes a transition")
     observation, _ = environment.reset(seed=0)
     for method in METHODS:

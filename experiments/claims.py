@@ -28,6 +28,12 @@ SIMULATED = 2_000
 LARGEST_SHIFT = 50.0
 """Standard deviations; a test that does not detect these has no power at all."""
 
+SHARED_NOTE = (
+    "Methods share, seed by seed, the scenes of the training, the first weights and the first "
+    "1,000 actions, and all play the same official episodes: the results are about these scenes. "
+    "Where this makes the values of a seed alike, the tests err less often than they say."
+)
+
 NOTES = (
     "One-sided exact Mann-Whitney tests; the unit is the training seed. They ask whether the "
     "values of one method tend to be larger, which is not a test of the means where methods vary "
@@ -41,6 +47,7 @@ NOTES = (
     f"Detectable: the difference of means that one comparison shows in {100 * POWER:.0f} % of "
     "studies at the strictest level of the correction, if the values are normal and vary as here; "
     "a dash where the worse method leaves no room for it.",
+    SHARED_NOTE,
 )
 
 

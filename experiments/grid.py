@@ -30,8 +30,9 @@ KEY = ["task", "method", "training_seed", "exploration_steps"]
 FILES = ("episodes", "estimates", "curves", "trainings")
 """The CSV files of an experiment; a cell is finished once it is in the last one."""
 
-SAME_IN_ALL = ("arms", "preset", "settings", "task_steps", "episodes")
-"""What may not change between two starts, because unlike trainings would be mixed."""
+SAME_IN_ALL = ("arms", "preset", "settings", "episodes")
+"""What may not change between two starts, because unlike trainings would be mixed; nor may the
+``task_steps`` of a task."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,9 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     place = output / cell.name
     final, explored = place / "final.safetensors", place / "exploration.safetensors"
     arm = {"method": cell.method, "without": [], **design.get("arms", {}).get(cell.method, {})}
+    digest = design["digest"]
+    if not design.get("locked") and (place / "config.toml").exists():
+        digest = _recorded_design(place) or digest  # a claim or a seed may have been added since
     if not final.exists():
         task_steps = (
             None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
@@ -115,7 +119,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
             cell.task, arm["method"], seed=cell.training_seed, without=arm["without"],
             exploration_steps=cell.exploration_steps, task_steps=task_steps,
             preset=design.get("preset", "default"),
-            settings={**design.get("settings", {}), "design": design["digest"]},
+            settings={**design.get("settings", {}), "design": digest},
             output=place, resume=True,
         )  # fmt: skip
     runs = []
@@ -127,7 +131,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
             output=place / name, **options,
         )  # fmt: skip
         runs.append(run)
-    rows = rows_of(runs, place, design)
+    rows = rows_of(runs, place)
     asked = design.get("reliance")
     if asked and _is_asked(asked, cell):
         for name, more in reliance_rows(final, runs[0], asked).items():
@@ -138,7 +142,12 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     return rows
 
 
-def rows_of(runs: list[mt.Run], place: Path, design: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def _recorded_design(place: Path) -> str:
+    """Return the SHA-256 of the design that a training was begun with, "" where none is named."""
+    return str(tomllib.loads((place / "config.toml").read_text()).get("design", ""))
+
+
+def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
     """Return a cell's rows of each CSV file, without its key."""
     progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
     main = runs[0].header
@@ -148,7 +157,7 @@ def rows_of(runs: list[mt.Run], place: Path, design: Mapping[str, Any]) -> dict[
         "final_policy": main.policy.digest,
         "exploration_policy": main.exploration.digest if main.exploration else "",
         "run_digests": " ".join(run.digest for run in runs),
-        "design": design["digest"],
+        "design": _recorded_design(place),
     }
     return {
         "episodes": pd.concat([_episodes(run) for run in runs]),
@@ -226,11 +235,18 @@ def run_grid(
     kept = output / "design.toml"
     if kept.exists():
         before = read_design(kept)
-        if changed := [key for key in SAME_IN_ALL if before.get(key) != design.get(key)]:
+        changed = [key for key in SAME_IN_ALL if before.get(key) != design.get(key)]
+        changed += [
+            f"task_steps of {task}"
+            for task in {*before["tasks"]} & {*design["tasks"]}
+            if in_task(before, task).get("task_steps") != in_task(design, task).get("task_steps")
+        ]
+        if changed:
             sys.exit(f"{output} was started with another {changed[0]}: choose another --output")
     kept.write_bytes(design_file.read_bytes())
     cells = [cell for cell in cells_of(design) if any(fnmatch(cell.name, one) for one in only)]
-    left = [cell for cell in cells if cell not in finished_cells(output)]
+    finished = finished_cells(output)
+    left = [cell for cell in cells if cell not in finished]
     print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
     failed = {}
     spawned = get_context("spawn")

@@ -20,7 +20,7 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.json_io import StrPath, Words, words
+from minitouch_bench.json_io import StrPath, Words, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
@@ -204,7 +204,7 @@ def train(
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
     # Not at the top: an evaluation needs neither.
-    from minitouch_bench.agents.config import apply_settings, make_config  # noqa: PLC0415
+    from minitouch_bench.agents.config import TrainingConfig, make_config  # noqa: PLC0415
     from minitouch_bench.agents.training import NO_CALLBACKS, TrainingCallbacks  # noqa: PLC0415
     from minitouch_bench.agents.training_directory import run_training  # noqa: PLC0415
 
@@ -219,7 +219,7 @@ def train(
     }
     changes = {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
-    asked = apply_settings(base, changes)
+    asked = take_table(changes, TrainingConfig, base=base)
     name = "-".join((asked.task, asked.method, *(f"no-{sense}" for sense in asked.without)))
     usual = TRAININGS / f"{name}-{asked.seed}"
     directory = usual if output is None else Path(output)

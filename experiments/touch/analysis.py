@@ -18,6 +18,7 @@ import pandas as pd
 import scipy
 
 from experiments.analysis import ABSENT, STUDIES, read_rows, table_lines, write_results
+from experiments.claims import SHARED_NOTE
 from experiments.figures import COLORS, SAME_BYTES
 from experiments.grid import cells_of, check_lock, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS
@@ -56,9 +57,12 @@ NOTES = (
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction. "
     "The chance of any false claim is at most 5 % for each of the two words, where equal arms have "
     "equal distributions; where an arm fails in some seeds no bound is known.",
+    SHARED_NOTE,
     f"Detectable: the common difference that {100 * POWER:.0f} % of such studies show at the "
-    "strictest level of the correction, if seeds vary as here (normal values, simulated); a dash "
-    "where an arm does not vary, or the worse one leaves no room for it.",
+    "strictest level of the correction, if seeds vary as here (normal values, simulated). In a "
+    "single task it supposes that the claim is decided, which it often is not where the claim's "
+    "other tasks differ less. A dash where neither arm of a task varies, or the worse arm leaves "
+    "no room for the difference.",
     "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
     "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
     "[explores less than random actions](../../results/notebook.md#is-the-learner-right). An arm "
@@ -236,15 +240,15 @@ def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, floa
         return value, np.nan, np.nan
     freedom = variance**2 / sum(part**2 / (count - 1) for part, count in parts)
     half = float(scipy.stats.t.ppf(1 - ALPHA / 2, freedom) * variance**0.5)
-    return value, value - half, value + half
+    return value, max(-1.0, value - half), min(1.0, value + half)
 
 
 def values_of(design: Mapping[str, Any], directory: Path) -> Values:
     """Read the seeds' values of the official episodes of the arms that have all their trainings."""
-    begun = {cell.method for cell in {*cells_of(design)} - finished_cells(directory)}
+    unfinished = {cell.method for cell in {*cells_of(design)} - finished_cells(directory)}
     rows = read_rows(directory, "estimates")
     main = rows[(rows["suite"] == "table4") & (rows["conditions"] == "")]
-    main = main[~main["method"].isin(begun)]
+    main = main[~main["method"].isin(unfinished)]
     return {
         key: group["value"].to_numpy(float)
         for key, group in main.groupby(["method", "task", "metric"], sort=False)

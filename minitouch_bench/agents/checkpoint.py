@@ -6,11 +6,8 @@ else, and the length that ``replay.bin`` had: what a later kill left behind that
 
 import io
 import os
-import pickle
 import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import (
     LARGEST_CHECKPOINT,
+    damage_as,
     open_plain,
     os_errors_as,
     read_file,
@@ -31,12 +29,6 @@ IMAGES_FILE = "replay.bin"
 
 CHECKPOINT_VERSION = 3
 """Changes with the meaning of what a checkpoint contains; only this version is resumed."""
-
-DAMAGE = (
-    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, EOFError,
-    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What reading a damaged file can raise."""
 
 
 class CheckpointFiles:
@@ -99,15 +91,6 @@ class CheckpointFiles:
             file.seek(self._length - size)
             return file.read(size)
 
-    @contextmanager
-    def damage_named(self) -> Iterator[None]:
-        """Raise what a damaged checkpoint causes as an error that names it.
-
-        Raises:
-            RunDirectoryError: the block failed.
-        """
-        try:
-            yield
-        except DAMAGE as error:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            raise RunDirectoryError(f"{self._file} cannot be resumed from: {reason}") from error
+    def damage_named(self) -> AbstractContextManager[None]:
+        """Raise what damage causes in a block as a RunDirectoryError that names the file."""
+        return damage_as(RunDirectoryError, f"{self._file} cannot be resumed from")

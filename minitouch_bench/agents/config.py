@@ -51,15 +51,14 @@ class PhaseConfig:
     the critic's estimate; exploration always uses 1. ``success_share``: share of each batch, at
     least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
     allowed.
-
-    The task phase alone: ``keypoint_updates``: gradient steps in which an encoder learns to find
+    ``keypoint_updates``, of the task phase alone: gradient steps in which an encoder learns to find
     keypoints in the memory's images, before the first control step. A new actor and new critics,
     with layer norm, see the coordinates of these keypoints. With 0 the phase goes on with the
     networks of the exploration, which see features of the encoder of Table 3, trained by the
-    critics' loss. ``fitting_updates``: gradient steps that then fit the new actor to the
-    exploration policy and the new critics to the memory. ``prior_weight``: weight of the
-    divergence from the exploration policy, KL(policy, exploration policy), in the actor's loss,
-    falling linearly to 0 within ``prior_steps`` control steps.
+    critics' loss; the settings below then have no effect. ``fitting_updates``: gradient steps that
+    then fit the new actor to the exploration policy and the new critics to the memory.
+    ``prior_weight``: weight of the divergence from the exploration policy, KL(policy, exploration
+    policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
     """
 
     steps: int
@@ -101,7 +100,8 @@ class SacConfig:
     """What the learner keeps through both phases.
 
     ``encoder_width`` scales the channels of the shared encoder, up to a multiple of 8.
-    ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift.
+    ``shift``: pixels by which images are shifted at random (DrQ); 0 for no shift. A policy that
+    sees keypoints learns without shifts, without ``target_encoder`` and in full precision.
     ``target_rate``: share by which the target networks follow at each update.
     ``target_encoder``: the target critics have an encoder that follows as well; DrQ-v2
     has none. ``bfloat16``: encode in half precision where the processor can.
@@ -150,7 +150,7 @@ class TrainingConfig:
     ``sac`` acts, with the dataset in its replay memory.
     ``design``: SHA-256 of the design of the study that the training is part of; it changes nothing.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
-    ``random_steps``: uniformly random actions before learning starts.
+    ``random_steps``: uniformly random actions before learning starts; none with a dataset.
     ``replay_size``: observations in the replay memory; the oldest are removed.
     ``log_every``: control steps between two rows of ``progress.csv``. After each
     ``evaluate_every`` (0: never) the policy plays ``evaluate_episodes`` episodes of its own, with
@@ -285,7 +285,8 @@ def make_config(
     one. ``settings`` are nested as in the file: ``{"seed": 1, "task_phase": {"steps": 80_000}}``.
 
     Raises:
-        UsageError: no such task or preset, or a setting that there is not.
+        UsageError: no such task or preset, a file that cannot be read, a setting that there is
+            not, or a value of another type.
     """
     PROTOCOL.task(task)
     _check("preset", preset, tuple(PRESETS))
@@ -297,17 +298,8 @@ def make_config(
         task_phase=replace(base.task_phase, steps=learned),
     )
     if file is not None:
-        base = read_config(file, base)
-    return replace(apply_settings(base, settings), task=task)
-
-
-def read_config(path: Path, base: TrainingConfig) -> TrainingConfig:
-    """Return ``base`` with what a TOML file sets.
-
-    Raises:
-        UsageError: the file is unreadable, or sets what there is not.
-    """
-    return take_table(read_toml(path), TrainingConfig, str(path), base)
+        base = take_table(read_toml(file), TrainingConfig, str(file), base)
+    return replace(take_table(settings, TrainingConfig, base=base), task=task)
 
 
 def read_recorded_config(path: Path) -> TrainingConfig:
@@ -335,12 +327,3 @@ def _missing_settings(
             yield f"{table}{name}"
         elif isinstance(value, Mapping):
             yield from _missing_settings(value, given[name], f"{name}.")
-
-
-def apply_settings(config: TrainingConfig, settings: Mapping[str, Any]) -> TrainingConfig:
-    """Return ``config`` with settings replaced, nested as in a file.
-
-    Raises:
-        UsageError: an unknown name, or a value of another type.
-    """
-    return take_table(settings, TrainingConfig, base=config)

@@ -46,6 +46,9 @@ DARKEST_BLOB = -0.2
 LEAST_DEVIATION = 0.02
 """Gray levels, of 0 to 1, added to a pixel's standard deviation before it divides errors."""
 
+LEAST_SPREAD = 1e-6
+"""Variance of a keypoint's place, as coordinates, below which it does not move and is no hand."""
+
 Draw = Callable[[int], tuple[Tensor, Tensor]]
 """Draws N observations: images uint8 (N, 1, H, W), touch as networks see it, float32 (N, 11)."""
 
@@ -87,8 +90,8 @@ class Keypoints(nn.Module):
         wanted = places.double()
         maps = torch.linalg.lstsq(given, wanted).solution
         left = (given @ maps - wanted).square().mean(dim=0).view(2, KEYPOINTS).sum(dim=0)
-        spread = wanted.var(dim=0).view(2, KEYPOINTS).sum(dim=0) + 1e-9
-        best = int((left / spread).argmin())
+        spread = wanted.var(dim=0).view(2, KEYPOINTS).sum(dim=0)
+        best = int((left / spread).masked_fill(spread < LEAST_SPREAD, math.inf).argmin())
         self.hand.copy_(maps[:, [best, KEYPOINTS + best]])
 
     def encode(self, image: Tensor, touch: Tensor) -> Tensor:
@@ -102,7 +105,7 @@ class Keypoints(nn.Module):
     @torch.no_grad()
     def fold_into(self, actor: TouchActor) -> None:
         """Change an actor on what ``encode`` returns into one on what the encoder returns."""
-        weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
+        weight, bias = actor.first_layer.weight, actor.first_layer.bias
         seen, felt = weight[:, :KEYPOINT_FEATURES], weight[:, KEYPOINT_FEATURES:]
         moved = seen.view(-1, 2, KEYPOINTS).sum(dim=2) @ self.hand.T.to(weight.device)
         felt[:, POSITION].sub_(moved[:, :3])

@@ -1,6 +1,5 @@
 """Actor-critic and curiosity together: what acts, learns, and changes phase."""
 
-import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -88,16 +87,11 @@ class TouchScale:
         return (touch - self.center) / self.half
 
     @torch.no_grad()
-    def fold_into(self, actor: TouchActor) -> TouchActor:
-        """Return a copy of the actor that takes touch as the environment gives it."""
-        folded = copy.deepcopy(actor)
-        weight, bias = (
-            folded.trunk[0].get_parameter("weight"),
-            folded.trunk[0].get_parameter("bias"),
-        )
+    def fold_into(self, actor: TouchActor) -> None:
+        """Change an actor on scaled touch into one on touch as the environment gives it."""
+        weight, bias = actor.first_layer.weight, actor.first_layer.bias
         weight[:, -TOUCH_SIZE:] /= self.half
         bias.sub_(weight[:, -TOUCH_SIZE:] @ self.center)
-        return folded
 
 
 class Learner:
@@ -281,12 +275,13 @@ class Learner:
         actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
         actor.load_state_dict(learned | self.sac.actor.state_dict())
         self._fold_constants(actor)
-        return self.scale.to(torch.device("cpu")).fold_into(actor).half().float()
+        self.scale.to(torch.device("cpu")).fold_into(actor)
+        return actor.half().float()
 
     @torch.no_grad()
     def _fold_constants(self, actor: TouchActor) -> None:
         """Move what a constant sense adds to the first layer into its bias."""
-        weight, bias = (actor.trunk[0].get_parameter(name) for name in ("weight", "bias"))
+        weight, bias = actor.first_layer.weight, actor.first_layer.bias
         if "vision" in self.config.without:
             if self.keypoints is None:  # whose coordinates would be 0
                 black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)

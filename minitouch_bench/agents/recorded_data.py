@@ -8,16 +8,12 @@ from numpy.typing import NDArray
 
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import damage_as
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 
 LARGEST_VALUE = 1e4
 """The largest number that a touch sensor in m and N, or a reward, may have."""
-
-DAMAGE = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, AssertionError,
-)  # fmt: skip
-"""What Minari raises where a dataset is damaged or of another kind."""
 
 
 def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
@@ -29,12 +25,9 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
             than the memory.
     """
     minari = require("minari", "data")
-    try:
+    with damage_as(UsageError, f"{path} is not a Minari dataset of this task"):
         for episode in minari.MinariDataset(path).iterate_episodes():
             _add_episode(replay, episode, action_size)
-    except DAMAGE as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UsageError(f"{path} is not a Minari dataset of this task: {reason}") from error
     if not replay.rows:
         raise UsageError(f"{path} contains no control step")
     if replay.rows > replay.capacity:
@@ -52,6 +45,8 @@ def _add_episode(replay: Replay, episode: Any, action_size: int) -> None:
         LookupError, TypeError, AttributeError: an array is missing.
     """
     images, steps = episode.observations["image"], len(episode.actions)
+    if not steps:
+        raise ValueError("an episode has no control step")
     if images.dtype != np.uint8 or images.shape != (steps + 1, *IMAGE_SHAPE):
         raise ValueError(f"its images are {images.dtype} {images.shape}")
     touch = _numbers(episode.observations["touch"], "touch", (steps + 1, *TOUCH_SHAPE))

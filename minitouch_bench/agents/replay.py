@@ -76,14 +76,6 @@ class Replay:
         """Return how many rows are held."""
         return min(self.rows, self.capacity)
 
-    @property
-    def nbytes(self) -> int:
-        """Return the memory in use, in bytes, without unpacked images and Python's list."""
-        arrays = [getattr(self, name) for name in _COLUMNS]
-        overhead = b"".__sizeof__() + np.dtype(np.intp).itemsize
-        images = sum(len(image) + overhead for image in self._images)
-        return images + sum(int(array.nbytes) for array in arrays)
-
     def begin_episode(self, image: NDArray[np.uint8], touch: NDArray[np.float32]) -> None:
         """Add the observation of a reset."""
         self._episode_start = self.rows

@@ -175,18 +175,20 @@ class Training:
         self.kept_step: int | None = None
         """Step of the last checkpoint."""
 
-    def start(self) -> None:
-        """Begin, or go on from the last checkpoint.
+    def start(self, *, over: bool = False) -> None:
+        """Begin, or go on from the last checkpoint, if there is one and not ``over``.
 
         Raises:
             RunDirectoryError: a file of it is damaged.
+            UsageError: the recorded dataset cannot be read.
         """
         self._clock = time.perf_counter()
-        if self._files.exists():
+        if self._files.exists() and not over:
             self._resume()
         else:
             self._begin()
-        cut_rows(self._directory / PROGRESS_FILE, self.step)
+        if not over:
+            cut_rows(self._directory / PROGRESS_FILE, self.step)
 
     def run(self) -> bool:
         """Train to the end and return True, or False where it was asked to stop before.

@@ -5,6 +5,7 @@ import shutil
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,12 @@ EVALUATION_SUITE = "training"
 
 EVENTS_DIRECTORY = "events"
 
+TRAINING_FILES = (
+    CONFIG_FILE, CHECKPOINT_FILE, IMAGES_FILE, files.PROGRESS_FILE, files.REPORT_PAGE,
+    EVENTS_DIRECTORY, EXPLORED_FILE, TRAINED_FILE, KEPT_FILE.format("*"),
+)  # fmt: skip
+"""Patterns of the names in a training's directory."""
+
 
 def run_training(
     config: TrainingConfig,
@@ -74,9 +81,13 @@ def run_training(
     keep_freed_memory()
     torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
     with files.lock_directory(directory), ExitStack() as stack:
-        if fresh:
-            _remove_training(directory)
-        _check_directory(config, directory, resume, callbacks.note)
+        _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
+        first_phase = config.exploration_steps or config.steps
+        if not config.dataset and 0 < first_phase <= config.random_steps:
+            callbacks.note(
+                f"the first phase teaches nothing: all of its {first_phase:,} control steps are "
+                f"random (random_steps = {config.random_steps:,})"
+            )
         callbacks.begin(config.steps)
         environment = MiniTouchEnv(
             config.task, config.objects or None, max_steps=config.episode_steps or None
@@ -98,7 +109,9 @@ def run_training(
             callbacks=replace(callbacks, row=on_row),
             device=chosen,
         )
-        training.start()
+        training.start(over=fresh)
+        if fresh:  # nothing can be refused any more
+            _remove_training(directory)
         files.write_file(directory / CONFIG_FILE, write_toml(config))
         events = _open_events(directory, callbacks.note)
         if events is not None:
@@ -201,15 +214,20 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda")
 
 
-def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note: Note) -> None:
-    """See that a directory is empty, or that the training in it is the one to resume.
+def _check_directory(
+    config: TrainingConfig, directory: Path, note: Note, *, resume: bool, fresh: bool
+) -> None:
+    """See that a directory is empty, or that the training in it is the one to resume or replace.
 
     Raises:
-        RunDirectoryError: the directory contains anything and ``resume`` was not asked for, or it
-            contains no training or one with other settings.
+        RunDirectoryError: the directory contains anything and neither ``resume`` nor ``fresh`` was
+            asked for; it contains no training; to resume, one with other settings; to replace,
+            another file beside it.
     """
     file = directory / CONFIG_FILE
     entries = files.entries_of(directory)
+    if fresh and CONFIG_FILE in entries:
+        entries = [name for name in entries if not _is_of_training(name)]
     if resume and CONFIG_FILE in entries:
         known = read_recorded_config(file)
         if config.is_longer_than(known):
@@ -225,7 +243,9 @@ def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note
             "continue the training in it with --resume, replace it with --fresh, or choose another "
             "--output"
         )
-        if CONFIG_FILE not in entries:
+        if fresh and file.exists():
+            advice = "that is not of the training: move it away, or choose another --output"
+        elif CONFIG_FILE not in entries:
             advice = "it contains no training; choose another --output"
         raise RunDirectoryError(
             f"{directory} is not empty: {entries[0]!a}{more}.\n{advice.capitalize()}"
@@ -234,19 +254,18 @@ def _check_directory(config: TrainingConfig, directory: Path, resume: bool, note
         note(f"{directory} contains no training yet: one is started")
 
 
+def _is_of_training(name: str) -> bool:
+    return any(fnmatch(name, pattern) for pattern in TRAINING_FILES)
+
+
 def _remove_training(directory: Path) -> None:
-    """Remove the files of a training, where there is one, and leave all others."""
-    if CONFIG_FILE not in files.entries_of(directory):
-        return
-    names = (
-        CHECKPOINT_FILE, IMAGES_FILE, files.PROGRESS_FILE, files.REPORT_PAGE, EXPLORED_FILE,
-        TRAINED_FILE, KEPT_FILE.format("*"), CONFIG_FILE,
-    )  # fmt: skip
+    """Remove what a training has written into its directory."""
     with files.os_errors_as(RunDirectoryError, directory, "cleared"):
-        for file in [file for name in names for file in directory.glob(name)]:
-            file.unlink()
-        if (directory / EVENTS_DIRECTORY).is_dir():
-            shutil.rmtree(directory / EVENTS_DIRECTORY)
+        for file in [directory / name for name in files.entries_of(directory)]:
+            if file.name == EVENTS_DIRECTORY and files.is_folder(file):
+                shutil.rmtree(file)
+            else:
+                file.unlink()
 
 
 def _keep_policy(file: Path, steps: int) -> None:

@@ -229,6 +229,13 @@ class TouchActor(nn.Module):
         self.mean = nn.Linear(HIDDEN_UNITS, action_size)
         self.log_std = nn.Linear(HIDDEN_UNITS, action_size)
 
+    @property
+    def first_layer(self) -> nn.Linear:
+        """The layer that takes the encoder's features and touch."""
+        layer = self.trunk[0]
+        assert isinstance(layer, nn.Linear)
+        return layer
+
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         """Return tanh(mean), float32 (N, A); image uint8 (N, 1, H, W), touch float32 (N, 11)."""
         mean, _ = self.gaussian(image, touch)

@@ -12,7 +12,6 @@ from minitouch_bench.agents.config import (
     PhaseConfig,
     TrainingConfig,
     make_config,
-    read_config,
 )
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml
@@ -25,15 +24,15 @@ def test_a_file_of_settings_is_read_back_whole(tmp_path, preset):
     config = replace(PRESETS[preset]("opening"), seed=3, method="rnd", dataset="Ä\U0001f600")
     file = tmp_path / "config.toml"
     file.write_text(write_toml(config))
-    assert read_config(file, TrainingConfig("playing")) == config
+    assert make_config("opening", file=file) == config
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
     file = tmp_path / "config.toml"
     file.write_text("seed = 5\n[sac]\nshift = 0\ndiscount = 1\n")
-    base = TrainingConfig("pushing")
+    base = make_config("pushing")
     sac = replace(base.sac, shift=0, discount=1.0)
-    assert read_config(file, base) == replace(base, seed=5, sac=sac)
+    assert make_config("pushing", file=file) == replace(base, seed=5, sac=sac)
 
 
 def test_the_target_entropy_falls_evenly_and_then_stays():
@@ -56,7 +55,7 @@ def test_a_mistake_is_named(tmp_path, text, word):
     file = tmp_path / "config.toml"
     file.write_text(text)
     with pytest.raises(UsageError, match=word):
-        read_config(file, TrainingConfig("pushing"))
+        make_config("pushing", file=file)
 
 
 def test_a_file_and_then_options_change_a_preset(tmp_path):

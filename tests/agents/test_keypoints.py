@@ -67,6 +67,16 @@ def test_the_keypoint_that_follows_the_hand_is_found():
     assert others[0] > 1.5
 
 
+def test_a_keypoint_that_does_not_move_is_not_the_hand():
+    _, touch, _ = scenes(300, 2)
+    places = torch.randn(300, KEYPOINT_FEATURES, generator=torch.Generator().manual_seed(0))
+    places[:, [0, KEYPOINTS]] = 1.0
+    places[:, [1, KEYPOINTS + 1]] = touch[:, :2] + 0.3 * places[:, [1, KEYPOINTS + 1]]
+    model = Keypoints()
+    model.find_hand(places, touch)
+    torch.testing.assert_close(model.hand[:2], torch.eye(2), atol=0.1, rtol=0)
+
+
 def test_an_actor_on_relative_keypoints_becomes_one_on_keypoints_in_the_image():
     images, touch, _ = scenes(8, 3)
     model = make(10)

@@ -61,20 +61,29 @@ def phase(directory):
 
 
 def test_killed_at_random_moments_in_both_phases(tmp_path):
+    """One of the kills meets the switch, where keypoints and new networks are learned."""
     quiet, killed = tmp_path / "quiet", tmp_path / "killed"
     assert start(quiet).wait() == 0
-    moments, options = random.Random(0), []
-    for wanted in ("exploration", "task"):
-        for _ in range(KILLS):
-            process = start(killed, *options)
-            while phase(killed) != wanted and process.poll() is None:
-                time.sleep(0.05)
-            time.sleep(moments.uniform(1.0, 4.0))
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-            options = ["--resume"] if (killed / "config.toml").exists() else []
+    moments, options, landed = random.Random(0), [], set()
+    reached = {
+        "exploration": lambda: phase(killed) == "exploration",
+        "switch": (killed / "exploration.safetensors").exists,
+        "task": lambda: phase(killed) == "task",
+    }
+    for wanted in ["exploration"] * KILLS + ["switch"] + ["task"] * KILLS:
+        process = start(killed, *options)
+        while not reached[wanted]() and process.poll() is None:
+            time.sleep(0.05)
+        time.sleep(moments.uniform(1.0, 4.0))
+        process.send_signal(signal.SIGKILL)
+        if process.wait() == -signal.SIGKILL:
+            landed.add(wanted)
+            if wanted == "switch":
+                assert phase(killed) == "exploration"
+        options = ["--resume"] if (killed / "config.toml").exists() else []
     process = start(killed, *options)
     assert process.wait() == 0, notes_of(killed).read_text()
+    assert landed == {*reached}
     assert rows(killed) == rows(quiet)
     for name in ("exploration.safetensors", "final.safetensors"):
         assert (killed / name).read_bytes() == (quiet / name).read_bytes()

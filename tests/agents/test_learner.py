@@ -158,7 +158,7 @@ FLAGS = "processor : 0\nflags : fpu avx512f {}\n"
     ("flags", "has"),
     [("", False), ("avx512_bf16", True), ("avx512_vnni", False), ("avx512_bf16 amx_bf16", True)],
 )
-def test_half_precision_needs_matrix_units(tmp_path, monkeypatch, flags, has):
+def test_half_precision_needs_a_processor_that_has_it(tmp_path, monkeypatch, flags, has):
     file = tmp_path / "cpuinfo"
     file.write_text(FLAGS.format(flags))
     monkeypatch.setattr(machine, "CPUINFO", file)

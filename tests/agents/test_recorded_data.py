@@ -97,7 +97,15 @@ def spoil(name, index, value):
     return change
 
 
+def without_steps(episode):
+    for name in ("actions", "rewards", "terminations", "infos/is_success"):
+        put(name, episode[name][:0])(episode)
+    for name in ("image", "touch"):
+        put(f"observations/{name}", episode[f"observations/{name}"][:1])(episode)
+
+
 SPOILED = {
+    "no control step": without_steps,
     "rewards too short": put("rewards", np.zeros(3)),
     "no rewards": lambda episode: episode.pop("rewards"),
     "actions without an axis": put("actions", np.float32(0.5)),

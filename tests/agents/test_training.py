@@ -183,6 +183,14 @@ def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path)
     assert (tmp_path / "run" / "config.toml").exists()
 
 
+@pytest.mark.parametrize("changes", [{"random_steps": 30}, {"method": "sac", "random_steps": 50}])
+def test_a_training_whose_first_phase_is_all_random_says_so(tmp_path, changes):
+    notes = stop_at_once(tmp_path / "run", replace(CONFIG, **changes))
+    assert "the first phase teaches nothing" in " ".join(notes)
+    enough = replace(CONFIG, **changes | {"random_steps": changes["random_steps"] - 1})
+    assert "teaches nothing" not in " ".join(stop_at_once(tmp_path / "other", enough))
+
+
 @pytest.fixture(scope="module")
 def broken_off(tmp_path_factory):
     directory = tmp_path_factory.mktemp("broken-off")

@@ -3,6 +3,8 @@
 import math
 import os
 import shutil
+import struct
+import zipfile
 from contextlib import suppress
 from dataclasses import replace
 
@@ -113,7 +115,7 @@ def test_events_are_written_into_no_other_folder(prepared):
     assert [file.name for file in mine(prepared).parent.iterdir()] == ["letter.txt"]
 
 
-def test_a_fresh_training_replaces_one_and_leaves_other_files(prepared):
+def test_a_fresh_training_replaces_one(prepared):
     config = (prepared / "config.toml").read_text()
     with pytest.raises(UsageError, match="--fresh"):
         run_training(CONFIG, prepared, resume=True, fresh=True, device="cpu")
@@ -121,10 +123,23 @@ def test_a_fresh_training_replaces_one_and_leaves_other_files(prepared):
     other = replace(CONFIG, seed=CONFIG.seed + 1)
     run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
     assert (prepared / "config.toml").read_text() != config
-    (prepared / "letter.txt").write_text("mine")
-    with pytest.raises(RunDirectoryError, match="letter"):
-        run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
-    assert (prepared / "letter.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("changes", "letter", "word"),
+    [
+        ({}, "letter.txt", "letter"),
+        ({"objects": "typo"}, "", "typo"),
+        ({"dataset": "nowhere"}, "", "nowhere"),
+    ],
+)
+def test_a_fresh_training_that_is_refused_removes_nothing(prepared, changes, letter, word):
+    if letter:
+        (prepared / letter).write_text("mine")
+    before = {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()}
+    with pytest.raises(MiniTouchError, match=word):
+        run_training(replace(CONFIG, **changes), prepared, fresh=True, device="cpu")
+    assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
 
 
 # A training that diverges
@@ -225,17 +240,23 @@ def test_a_checkpoint_of_another_form_is_refused(prepared, values, word):
     assert len(str(refused.value).splitlines()) == 1
 
 
-def test_a_flipped_bit_is_found(prepared):
-    for name in ("checkpoint.pt", "replay.bin"):
-        whole = (prepared / name).read_bytes()
-        for place in np.random.default_rng(0).integers(len(whole), size=5):
-            content = bytearray(whole)
-            content[place] ^= 16
-            (prepared / name).write_bytes(content)
-            try:
-                stop_at_once(prepared)
-            except RunDirectoryError:
-                continue
-            # Between the members of the archive a bit means nothing.
-            assert name == "checkpoint.pt"
-        (prepared / name).write_bytes(whole)
+@pytest.mark.parametrize("name", ["checkpoint.pt", "replay.bin"])
+def test_a_flipped_bit_is_found(prepared, name):
+    file = prepared / name
+    whole = file.read_bytes()
+    # Between the members of the archive a bit means nothing.
+    first, length = largest_member(file) if name == "checkpoint.pt" else (0, len(whole))
+    for place in np.random.default_rng(0).integers(length, size=5):
+        content = bytearray(whole)
+        content[first + place] ^= 16
+        file.write_bytes(content)
+        with pytest.raises(RunDirectoryError, match="cannot be resumed"):
+            stop_at_once(prepared)
+
+
+def largest_member(file):
+    """Where the content of an archive's largest member begins, and its length in bytes."""
+    with zipfile.ZipFile(file) as archive:
+        member = max(archive.infolist(), key=lambda one: one.compress_size)
+    header = file.read_bytes()[member.header_offset :][:30]
+    return member.header_offset + 30 + sum(struct.unpack("<2H", header[26:])), member.compress_size

@@ -6,7 +6,7 @@ import pytest
 
 from experiments.analysis import STUDIES, analyze, read_rows, write_results
 from experiments.claims import detectable_shift, judge_claims
-from experiments.grid import FILES, KEY, read_design
+from experiments.grid import FILES, KEY, check_lock, read_design
 from experiments.touch import analysis as touch
 from tests.docs.test_links import DOCS
 
@@ -44,8 +44,9 @@ def test_stored_estimates_are_means_of_stored_episodes(name):
 
 
 def test_the_page_about_touch_follows_from_the_stored_rows():
-    stored = STUDIES / "touch"
-    results = touch.analyze_touch(read_design(touch.DESIGN), stored)
+    stored, design = STUDIES / "touch", read_design(touch.DESIGN)
+    check_lock(design, stored)
+    results = touch.analyze_touch(design, stored)
     assert results.page == (stored / "touch.md").read_text(), "python -m experiments.touch.analysis"
     assert results.judged.to_csv(index=False) == (stored / "pooled.csv").read_text()
 

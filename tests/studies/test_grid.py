@@ -1,5 +1,6 @@
 """A small grid for real: killed at any moment, it ends in the same rows."""
 
+import re
 import subprocess
 import sys
 import time
@@ -99,9 +100,24 @@ def test_a_failed_cell_is_named_and_the_others_are_finished(design, tmp_path):
     assert len(pd.read_csv(tmp_path / "out" / "trainings.csv")) == 2
 
 
-def test_another_setting_needs_another_directory(design, tmp_path):
+@pytest.mark.parametrize(
+    ("before", "word"), [("random_steps = 50", "settings"), ("task_steps = 40", "task_steps of op")]
+)
+def test_another_setting_needs_another_directory(design, tmp_path, before, word):
     output = tmp_path / "out"
     output.mkdir()
-    (output / "design.toml").write_text(DESIGN.replace("random_steps = 40", "random_steps = 50"))
-    with pytest.raises(SystemExit, match="settings"):
+    name = before.split(" = ")[0]
+    (output / "design.toml").write_text(re.sub(rf"{name} = \d+", before, DESIGN))
+    with pytest.raises(SystemExit, match=word):
         run_grid(design, output)
+
+
+@pytest.mark.slow
+def test_a_training_under_way_goes_on_after_a_seed_was_added(design, tmp_path):
+    output, only = tmp_path / "out", ["playing-hac-60-0"]
+    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
+    kill_once_there_is(output / only[0] / "checkpoint.pt", [*command, "--only", *only])
+    begun = read_design(design)["digest"]
+    design.write_text(DESIGN.replace("seeds = [0]", "seeds = [0, 1]"))
+    assert run_grid(design, output, only=only) == {}
+    assert [*pd.read_csv(output / "trainings.csv")["design"]] == [begun]

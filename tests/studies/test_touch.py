@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.grid import check_lock, read_design
+from experiments.grid import check_lock, in_task, read_design
 from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_numbers
 
 ROOT = Path(__file__).parents[2]
@@ -107,8 +107,9 @@ def test_a_locked_design_may_not_change(tmp_path):
 def test_every_claim_is_about_arms_and_tasks_of_the_design():
     design = read_design(DESIGN)
     for claim in design["pooled"]:
-        assert {claim["better"], claim["worse"]} <= {*design["methods"]}
         assert {*claim["measure"]} <= {*design["tasks"]}
+        for task in claim["measure"]:
+            assert {claim["better"], claim["worse"]} <= {*in_task(design, task)["methods"]}
 
 
 def test_the_design_is_the_one_that_was_locked():
