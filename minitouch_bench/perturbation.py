@@ -42,7 +42,8 @@ class Perturbation:
         for name, (least, most, unit) in _ALLOWED.items():
             low, high = _as_range(getattr(self, name))
             if not least <= low <= high <= most:
-                raise ValueError(f"{name} is {least:g} to {most:g} {unit}")
+                order = ", the smaller value first" if low > high else ""
+                raise ValueError(f"{_spelled(name)} is {least:g} to {most:g} {unit}{order}")
 
     @property
     def change_the_senses(self) -> bool:
@@ -118,14 +119,15 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
         if spelled not in PERTURBATION_NAMES:
             raise UsageError(f"no condition '{spelled}'; there are {', '.join(PERTURBATION_NAMES)}")
         name = spelled.replace("-", "_")
+        if name in values:
+            raise UsageError(f"the condition '{spelled}' is given twice")
         low, colon, high = text.partition(":")
+        is_range = isinstance(getattr(UNPERTURBED, name), tuple)
         try:
-            if isinstance(getattr(UNPERTURBED, name), tuple):
-                values[name] = (float(low), float(high if colon else low))
-            else:
-                values[name] = float(text)
+            values[name] = (float(low), float(high if colon else low)) if is_range else float(text)
         except ValueError:
-            raise UsageError(f"'{change}' is no condition; write mass=2 or mass=0.5:2") from None
+            possible = f"{spelled}=2 or {spelled}=0.5:2" if is_range else f"{spelled}=2"
+            raise UsageError(f"'{change}' is no condition; write {possible}") from None
     try:
         return Perturbation(without=ordered, **values)  # type: ignore[arg-type]
     except ValueError as error:

@@ -20,8 +20,9 @@ def test_conditions_are_read_as_they_are_typed():
         (["smell"], [], "no sense 'smell'; there are touch, forces, vision"),
         ([], ["weight=2"], "no condition 'weight'; there are noise, force-noise, mass"),
         ([], ["mass"], "'mass' is no condition; write mass=2 or mass=0.5:2"),
-        ([], ["noise=1:2"], "is no condition"),
-        ([], ["mass=2:1"], "mass is 0.01 to 100 times"),
+        ([], ["noise=1:2"], "is no condition; write noise=2$"),
+        ([], ["mass=2:1"], "mass is 0.01 to 100 times, the smaller value first"),
+        ([], ["mass=2", "mass=3"], "'mass' is given twice"),
         ([], ["noise=-1"], "noise is 0 to 255 gray levels"),
     ],
 )

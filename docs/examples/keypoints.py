@@ -1,4 +1,4 @@
-"""Draw the keypoints that a final policy sees: python keypoints.py POLICY TASK"""
+"""Draw the keypoints that a final policy sees: python keypoints.py FINAL.safetensors TASK"""
 
 import sys
 
@@ -11,6 +11,8 @@ from minitouch_bench.policies.networks import KEYPOINT_SCALE, KEYPOINT_STRIDE, K
 
 policy, task = sys.argv[1:]
 weights = {name: value.float() for name, value in load_file(policy).items()}
+if "encoder.windows.weight" not in weights:
+    sys.exit(f"{policy} sees no keypoints: give the final.safetensors of a training")
 encoder = KeypointEncoder()
 encoder.load_state_dict({name: weights[f"encoder.{name}"] for name in encoder.state_dict()})
 environment = mt.make(task)

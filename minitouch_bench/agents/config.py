@@ -1,7 +1,7 @@
 """The settings of a training, as one frozen value that a TOML file can hold."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,9 +13,6 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.json_io import read_toml, take_table
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.protocol.minitouch import PROTOCOL
-
-CONFIG_FILE = "config.toml"
-"""The settings of a training, in its directory."""
 
 LEAST_REPLAY = 1000
 """Rows of the memory at the least: the episode under way must be in it."""
@@ -314,16 +311,26 @@ def read_recorded_config(path: Path) -> TrainingConfig:
         config = take_table(table, TrainingConfig, str(path))
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
-    if missing := list(_missing_settings(asdict(config), table)):
+    given = _by_name(table)
+    if missing := [name for name in _by_name(asdict(config)) if name not in given]:
         raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train again")
     return config
 
 
-def _missing_settings(
-    known: Mapping[str, Any], given: Mapping[str, Any], table: str = ""
-) -> Iterator[str]:
-    for name, value in known.items():
-        if name not in given:
-            yield f"{table}{name}"
-        elif isinstance(value, Mapping):
-            yield from _missing_settings(value, given[name], f"{name}.")
+def differing_settings(recorded: TrainingConfig, asked: TrainingConfig) -> list[str]:
+    """Return each setting that differs, with both values."""
+    there, wanted = _by_name(asdict(recorded)), _by_name(asdict(asked))
+    return [
+        f"{name}: {there[name]!r} there, {value!r} asked for"
+        for name, value in wanted.items()
+        if value != there[name]
+    ]
+
+
+def _by_name(settings: Mapping[str, Any], table: str = "") -> dict[str, Any]:
+    """Return settings of nested tables by their names, as in ``task_phase.steps``."""
+    named: dict[str, Any] = {}
+    for name, value in settings.items():
+        inner = isinstance(value, Mapping)
+        named |= _by_name(value, f"{table}{name}.") if inner else {f"{table}{name}": value}
+    return named

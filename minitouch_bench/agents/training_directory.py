@@ -13,7 +13,11 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, IMAGES_FILE
-from minitouch_bench.agents.config import CONFIG_FILE, TrainingConfig, read_recorded_config
+from minitouch_bench.agents.config import (
+    TrainingConfig,
+    differing_settings,
+    read_recorded_config,
+)
 from minitouch_bench.agents.training import (
     NO_CALLBACKS,
     Evaluation,
@@ -35,7 +39,12 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import EXPLORED_FILE, KEPT_FILE, TRAINED_FILE
+from minitouch_bench.policies.sources import (
+    CONFIG_FILE,
+    EXPLORED_FILE,
+    KEPT_FILE,
+    TRAINED_FILE,
+)
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.reporting.training_page import training_page
@@ -234,8 +243,8 @@ def _check_directory(
             _keep_policy(directory / TRAINED_FILE, known.steps)
         elif config != known:
             raise RunDirectoryError(
-                f"{file} has other settings than asked for; resume with the same ones, or with "
-                "more steps in the last phase"
+                f"{file} has other settings: {'; '.join(differing_settings(known, config)[:3])}.\n"
+                "Resume with the same ones, or with more steps in the last phase"
             )
     elif entries:
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""

@@ -37,7 +37,7 @@ def notes() -> "Console":
     """Return the console of stderr."""
     from rich.console import Console
 
-    return Console(stderr=True, soft_wrap=True, highlight=False)
+    return Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 
 
 def note(text: str, style: str = "") -> None:
@@ -49,8 +49,8 @@ def data_console() -> "Console":
     """Return the console of stdout, as wide as the screen; a pipe or a file cuts no line."""
     from rich.console import Console
 
-    console = Console()
-    return console if console.is_terminal else Console(width=PIPED_WIDTH)
+    console = Console(emoji=False)
+    return console if console.is_terminal else Console(width=PIPED_WIDTH, emoji=False)
 
 
 def print_problems(name: str, problems: Iterable[object]) -> None:

@@ -76,7 +76,11 @@ def evaluate(
     ] = None,
     output: Annotated[
         Path | None,
-        output_option(metavar="DIR", help="Directory of the run; by default reports/POLICY-SUITE."),
+        output_option(
+            metavar="DIR",
+            help="Directory of the run; by default reports/POLICY-SUITE, with the objects and the "
+            "conditions where they differ.",
+        ),
     ] = None,
     video: Annotated[
         int,

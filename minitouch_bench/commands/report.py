@@ -9,8 +9,8 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.episode import PlayedEpisode
-from minitouch_bench.errors import IncompleteCheckError, UsageError
-from minitouch_bench.files import REPORTS, list_videos
+from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError, UsageError
+from minitouch_bench.files import REPORTS, holds_run, list_videos
 from minitouch_bench.json_io import words
 
 if TYPE_CHECKING:
@@ -70,6 +70,12 @@ def report(
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
     directory = output or usual
+    is_own = is_single and directory.resolve() == first.resolve()
+    if holds_run(directory) and not is_own:
+        raise RunDirectoryError(
+            f"{directory} contains a run, whose report.html this would replace: choose another "
+            "--output"
+        )
     shown = reporting.build_report(
         opened,
         reporting.find_videos(list_videos(first) if is_single else (), directory),

@@ -56,6 +56,8 @@ def verify(
     from minitouch_bench.verification import replay_check
     from minitouch_bench.verification.static_check import Findings, check_run
 
+    if not rerun and (policy or exploration):
+        raise errors.UsageError("--policy and --exploration need --rerun N")
     opening = open_engine(engine, workers, address)
     isolated = isolation_options(isolation, trust)
     opened = read_run(run)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import EpisodeSpec, Role
-from minitouch_bench.errors import PolicyFaultError, UsageError
+from minitouch_bench.errors import PolicyFaultError, UsageError, printable
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.policies.formats import FORMATS
@@ -24,7 +24,7 @@ from minitouch_bench.policies.policy import (
 from minitouch_bench.policies.process import effective_level, isolate, try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import ScriptedPolicy
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.policies.sources import parse_source, trained_task
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
@@ -138,6 +138,8 @@ def prepare_policies(
     isolation = replace(isolation, limits=plan.limits)
     source = _find_policy(policy, plan.tasks, isolation, note, Role.FINAL)
     if name is not None:
+        if not printable(name):
+            raise UsageError("--name is empty: reports need a name of the policy")
         source = replace(source, name=name)
     explorer = None
     if exploration is not None:
@@ -165,6 +167,9 @@ def _find_policy(
         source = policy
     elif isinstance(policy, str | Path):
         source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
+        trained = trained_task(Path(policy))
+        if role is Role.FINAL and trained is not None and {*tasks} != {trained}:
+            note(f"{policy} was trained in {trained}: --tasks {trained} leaves out the other tasks")
     else:
         source = keep_in_memory(policy)
     source = replace(source, deterministic=role is Role.FINAL)

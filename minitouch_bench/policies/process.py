@@ -202,7 +202,7 @@ class PolicyProcess:
 
     def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
         text = errors.plain_line(
-            payload.decode(errors="replace"), errors.MAX_TEXT + len(self.target)
+            payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
         )
         if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
             self._stop(0.0)

@@ -10,11 +10,12 @@ import re
 import urllib.parse
 import zipfile
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, describe
+from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, UsageError, describe
 from minitouch_bench.files import (
     CHECKPOINTS,
     ENTRY_MARK,
@@ -23,6 +24,7 @@ from minitouch_bench.files import (
     os_errors_as,
     read_file,
 )
+from minitouch_bench.json_io import read_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import DIRECTORY, PolicySource
@@ -31,6 +33,8 @@ from minitouch_bench.protocol.minitouch import TASK_NAMES
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
 KEPT_FILE = "final_{}_steps.safetensors"
 """The last policy of a training that was made longer afterwards, by its control steps."""
+CONFIG_FILE = "config.toml"
+"""The settings of a training, in its directory."""
 TRAINED = {Role.FINAL: TRAINED_FILE, Role.EXPLORATION: EXPLORED_FILE}
 """What ``train`` leaves in its directory, which can be given in place of either."""
 
@@ -96,6 +100,14 @@ def parse_source(
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
         f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute, http://... or hf://..."
     )
+
+
+def trained_task(directory: Path) -> str | None:
+    """Return the task of the training in a directory, None where there is no training."""
+    with suppress(UsageError):
+        task = read_toml(directory / CONFIG_FILE).get("task")
+        return task if task in TASK_NAMES else None
+    return None
 
 
 def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 import trimesh
 
-from minitouch_bench.errors import InfrastructureError, UsageError
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
 from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
@@ -120,13 +120,13 @@ def import_objects(
     """Import every object below ``source`` into a new set in ``folder``.
 
     Raises:
-        UsageError: there are no objects, or ``folder`` holds a set already.
-        RunDirectoryError: another process works there.
+        UsageError: there are no objects.
+        RunDirectoryError: ``folder`` holds a set already, or another process works there.
         InfrastructureError: the folder cannot be written, or a worker died.
     """
     paths = find_objects(source)
     if (folder / MANIFEST).exists():
-        raise UsageError(f"{folder} holds a shape set already; choose another --output")
+        raise RunDirectoryError(f"{folder} holds a shape set already; choose another --output")
     answers: dict[int, Any] = {}
     with lock_directory(folder):
         tasks = [(path, config) for path in paths]

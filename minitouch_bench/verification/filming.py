@@ -53,9 +53,8 @@ class _FilmedPolicy:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action."""
         self.scenes.append(self._world.picture())
-        action = self._policy.act(observation)
-        self.images.append(observation["image"][0])
-        return action
+        self.images.append(observation["image"][0].copy())
+        return self._policy.act(observation)
 
 
 def film_episode(
@@ -76,7 +75,7 @@ def film_episode(
         played = run_episode(world, filmed, spec)
         steps = len(played.trace.actions)
         scenes = [*filmed.scenes[:steps], world.picture()]
-        images = np.array(filmed.images, np.uint8).reshape(steps, *IMAGE_SHAPE[1:])
+        images = np.array(filmed.images, np.uint8).reshape(-1, *IMAGE_SHAPE[1:])
         target = getattr(world.task, "target", None)
         return Film(played, np.array(scenes), images, target)
 

@@ -1,4 +1,5 @@
 import math
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,15 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
     base = make_config("pushing")
     sac = replace(base.sac, shift=0, discount=1.0)
     assert make_config("pushing", file=file) == replace(base, seed=5, sac=sac)
+
+
+@pytest.mark.parametrize("page", ["how-to/configure-a-training", "reference/training-settings"])
+def test_the_settings_that_the_pages_show_are_settings(tmp_path, page):
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / f"docs/{page}.md").read_text(), re.DOTALL)
+    assert blocks
+    for block in blocks:
+        (tmp_path / "settings.toml").write_text(block)
+        assert make_config("pushing", file=tmp_path / "settings.toml") != make_config("pushing")
 
 
 def test_the_target_entropy_falls_evenly_and_then_stays():

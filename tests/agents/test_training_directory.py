@@ -84,6 +84,8 @@ def test_what_another_training_or_a_user_left_is_not_replaced(prepared, name, re
         run_training(replace(CONFIG, seed=1), prepared, resume=resume, device="cpu")
     assert refused.value.exit_code == 6
     assert len(str(refused.value).splitlines()) <= 2
+    if resume and name != "config.toml":
+        assert "seed: 0 there, 1 asked for" in str(refused.value)
     assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
 
 

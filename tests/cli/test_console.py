@@ -31,6 +31,15 @@ def test_without_a_terminal_there_is_one_line_per_minute():
     ]  # fmt: skip
 
 
+def test_no_word_between_colons_becomes_a_picture(capsys):
+    console.notes.cache_clear()
+    console.note("agents:robot: it cannot be imported")
+    console.data_console().print("runs:car:", markup=False)
+    shown = capsys.readouterr()
+    assert (shown.err, shown.out) == ("agents:robot: it cannot be imported\n", "runs:car:\n")
+    console.notes.cache_clear()
+
+
 def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
     """Of IPython only the function that shows a cell's output is replaced."""
     outputs = []

@@ -16,6 +16,16 @@ def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
     assert (copy / "report.html").exists()
 
 
+def test_the_report_of_another_run_is_not_replaced(scripted, tmp_path):
+    for name in ("first", "second"):
+        shutil.copytree(scripted[1], tmp_path / name)
+    before = (tmp_path / "first" / "report.html").read_bytes()
+    words = ("report", "second", "--output", "first")
+    run(*words, directory=tmp_path).refused(6, "contains a run")
+    run(*words, "first", directory=tmp_path).refused(6, "contains a run")
+    assert (tmp_path / "first" / "report.html").read_bytes() == before
+
+
 def test_forces_that_are_missing_are_replayed(scripted, tmp_path):
     copy = tmp_path / "again"
     shutil.copytree(scripted[1], copy)

@@ -52,6 +52,7 @@ def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
     assert done.code == 0, done.err
     moved = policy.rename(tmp_path / "moved.safetensors")
     assert run("verify", "run", directory=tmp_path).code == 0
+    run("verify", "run", "--policy", moved, directory=tmp_path).refused(2, "need --rerun N")
     run("verify", "run", "--rerun", 1, directory=tmp_path).refused(5, "is gone", "--policy")
     again = run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path)
     assert again.code == 0, again.err

@@ -103,6 +103,15 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given():
     assert (images == images[0]).all()
 
 
+def test_the_image_before_a_fault_is_shown():
+    run = read_run(HAC)
+    spec, _ = run.find("pick-up/1")
+    recording = Recording.of(run, [spec])
+    for count in (0, 2):
+        broken_off = replace(recording, actions={spec: recording.actions[spec][:count]})
+        assert len(film_episode(broken_off, spec, (8, 8)).images) == count + 1
+
+
 def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):
     run, said, filmed = read_run(whole), [], []
     failed = replace(run, rows=tuple(replace(row, outcome="step_limit") if row.index else row
