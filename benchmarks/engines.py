@@ -15,8 +15,7 @@ from minitouch_bench.evaluation.engine import Engine, open_engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.spec import SuiteSpec
-from minitouch_bench.runs.plan import make_plan, suite_episodes
+from minitouch_bench.runs.plan import make_plan
 
 WORKERS = 2
 ROUNDS = 5
@@ -27,8 +26,7 @@ POLICY = "random"
 
 def main() -> None:
     """Print the times and rates of both, and the ratio of their rates round by round."""
-    suite = SuiteSpec("benchmark", TASKS, EPISODES // len(TASKS), rankable=False)
-    specs = suite_episodes(suite)
+    specs = make_plan("table4", TASKS, EPISODES // len(TASKS)).specs()
     begun = time.perf_counter()
     with open_engine("ray", WORKERS) as ray:
         started = time.perf_counter() - begun

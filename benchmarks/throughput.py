@@ -20,8 +20,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.runs.plan import make_plan, suite_episodes
+from minitouch_bench.runs.plan import make_plan
 
 LEVELS = (Isolation.PROCESS, Isolation.SANDBOX, Isolation.NONE)
 ROUNDS = 7
@@ -31,8 +30,7 @@ WORKERS = 2
 
 def main() -> None:
     """Print the rate at each level and the ratios to a plain process, round by round."""
-    smoke = suite_episodes(PROTOCOL.suite("smoke"))
-    specs = [spec for spec in smoke if spec.index < EPISODES]
+    specs = make_plan("smoke", episodes=EPISODES).specs()
     rates: dict[Isolation, list[float]] = {level: [] for level in LEVELS}
     with tempfile.TemporaryDirectory() as folder:
         save_native(TouchActor(action_size=5), Path(folder) / "policy.safetensors")

@@ -46,9 +46,8 @@ from minitouch_bench.policies.sources import (
     TRAINED_FILE,
 )
 from minitouch_bench.processes import keep_freed_memory
-from minitouch_bench.protocol.spec import SuiteSpec
 from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.runs.plan import Plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 EVALUATION_SUITE = "training"
@@ -288,14 +287,8 @@ class TrainingEvaluator:
     """Evaluate policies on the same few episodes each time, in a world of their own."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        suite = SuiteSpec(
-            EVALUATION_SUITE,
-            (config.task,),
-            config.evaluate_episodes,
-            rankable=False,
-            seed=config.seed,
-        )
-        self._specs = suite_episodes(suite)
+        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
+        self._specs = plan.specs()
         self._environment = MiniTouchEnv(config.task, None)
 
     def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:

@@ -79,9 +79,6 @@ def build(
     submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
     output: Annotated[Path, typer.Option(help="Directory of the leaderboard.")] = REPORTS
     / "leaderboard",
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit 1 if any submission is refused.")
-    ] = False,
 ) -> None:
     """Write the leaderboard as Markdown, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.site import build_board
@@ -94,8 +91,6 @@ def build(
         f"{len(board.refused)} refused"
     )
     print(output / "index.html")
-    if strict and board.refused:
-        raise typer.Exit(errors.CHECK_FAILED)
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard remove my-policy")

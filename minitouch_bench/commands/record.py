@@ -36,19 +36,17 @@ def record(
     """
     from minitouch_bench.evaluation.execution import record_episodes
     from minitouch_bench.evaluation.policy_setup import prepare_policies
-    from minitouch_bench.protocol.spec import SuiteSpec
-    from minitouch_bench.runs.plan import Plan, suite_episodes
+    from minitouch_bench.runs.plan import Plan
 
     if seed.bit_length() > PUBLIC_SEED_BITS:  # the episodes' seeds then have 128
         raise UsageError(f"--seed is below 2^{PUBLIC_SEED_BITS} in a dataset, not {seed}")
     isolated = isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
-    suite = SuiteSpec(RECORDING_SUITE, tasks, episodes, rankable=False, seed=seed)
-    plan = Plan(suite.name, tasks, episodes, seed, limits=isolated.limits)
+    plan = Plan(RECORDING_SUITE, tasks, episodes, seed, limits=isolated.limits)
     require("minari", "data")  # before the policy is loaded
     setup = prepare_policies(policy, plan, isolated, note)
     with episode_progress() as callbacks:
-        faults = record_episodes(setup, [*suite_episodes(suite)], output, callbacks)
+        faults = record_episodes(setup, [*plan.specs()], output, callbacks)
     print(output)
     if faults:
         note(f"{faults} of {episodes} episodes end with a fault of the policy")

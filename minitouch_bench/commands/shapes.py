@@ -113,7 +113,3 @@ def export(
 
     count = exchange.export(load_shape_set(folder), output, form, split)
     print(f"{count} files in {output}")
-
-
-if __name__ == "__main__":
-    app()

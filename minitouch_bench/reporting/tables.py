@@ -341,8 +341,6 @@ def _latex_row(cells: Iterable[str]) -> str:
 
 # CSV
 
-CsvRow = tuple[Any, ...]
-
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
 

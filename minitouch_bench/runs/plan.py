@@ -16,6 +16,7 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
+    NOVEL_SHAPES,
     PROTOCOL,
     USUAL_LIMITS,
     PolicyLimits,
@@ -111,15 +112,37 @@ class Plan:
         Raises:
             UsageError: there is no such suite.
         """
-        suite = replace(
-            PROTOCOL.suite(self.suite),
-            tasks=self.tasks,
-            episodes_per_task=self.episodes,
-            seed=self.seed,
+        wanted = frozenset(self.chosen)
+        final = tuple(
+            self._episode(task, index)
+            for task in self.tasks
+            for index in range(self.episodes)
+            if not wanted or f"{task}/{index}" in wanted
         )
-        return suite_episodes(
-            suite, exploration=exploration, chosen=self.chosen, objects=self.objects
+        if not exploration:
+            return final
+        return final + tuple(
+            replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
         )
+
+    def _episode(self, task: str, index: int) -> EpisodeSpec:
+        """Return an episode with its object: one of those chosen, the task's own, or a shape."""
+        words = (self.suite, task, index, self.seed)
+        spec = EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
+        objects = PROTOCOL.task(task).default_objects
+        if self.objects:
+            name = self.objects.shapes[index % len(self.objects.shapes)]
+            if self.objects.source or name == CUBE:
+                return replace(spec, shape=name)
+            shape = manifest.canonical_shape_set().by_name(name)
+        elif self.suite == NOVEL_SHAPES:
+            shape = _novel_shape(self.suite, index)
+        elif objects in ("", CUBE):
+            return replace(spec, shape=objects)
+        else:
+            shapes = manifest.canonical_shape_set().split(objects)
+            shape = shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
+        return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
 
     def rules(self) -> dict[str, str]:
         """Return this installation's digest of the protocol for each task."""
@@ -197,54 +220,6 @@ class Plan:
         if replace(made, objects=self.objects) != self:
             return "its tasks or episodes are not those of the suite, in its order"
         return self.objects.mistake(self.tasks) if self.objects else ""
-
-
-def suite_episodes(
-    suite: SuiteSpec,
-    *,
-    exploration: bool = False,
-    chosen: Sequence[str] = (),
-    objects: PlannedObjects | UnsetType = UNSET,
-) -> tuple[EpisodeSpec, ...]:
-    """Return the episodes of a suite, task by task; with ``exploration`` those of that role too.
-
-    Both roles face the same episodes. Playing has no exploration metric. ``chosen`` names
-    those to return, as in "pushing/17"; without it all. ``objects`` replace the tasks' own.
-    """
-    wanted = frozenset(chosen)
-    final = tuple(
-        _episode(suite, task, index, objects)
-        for task in suite.tasks
-        for index in range(suite.episodes_per_task)
-        if not wanted or f"{task}/{index}" in wanted
-    )
-    if not exploration:
-        return final
-    return final + tuple(
-        replace(spec, role=Role.EXPLORATION) for spec in final if spec.task in GOAL_TASKS
-    )
-
-
-def _episode(
-    suite: SuiteSpec, task: str, index: int, chosen: PlannedObjects | UnsetType
-) -> EpisodeSpec:
-    """Return an episode with its object: one of those chosen, the task's own, or a shape."""
-    words = (suite.name, task, index, suite.seed)
-    spec = EpisodeSpec(Role.FINAL, task, index, episode_seed(*words), policy_seed(*words))
-    objects = PROTOCOL.task(task).default_objects
-    if chosen:
-        name = chosen.shapes[index % len(chosen.shapes)]
-        if chosen.source or name == CUBE:
-            return replace(spec, shape=name)
-        shape = manifest.canonical_shape_set().by_name(name)
-    elif suite.novel_shapes:
-        shape = _novel_shape(suite.name, index)
-    elif objects in ("", CUBE):
-        return replace(spec, shape=objects)
-    else:
-        shapes = manifest.canonical_shape_set().split(objects)
-        shape = shapes[int(np.random.default_rng(spec.seed).integers(len(shapes)))]
-    return replace(spec, shape=shape.name, family=shape.family, split=shape.split)
 
 
 def _novel_shape(suite: str, index: int) -> manifest.Shape:

@@ -26,7 +26,7 @@ from minitouch_bench.policies.process import isolate, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
-from minitouch_bench.runs.plan import make_plan, suite_episodes
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.shapegen.manifest import canonical_shape_set
 from minitouch_bench.simulation.client import BUILDS
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -148,15 +148,13 @@ def _simulation(workers: int) -> Iterator[Check]:
 
 def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
     """Return some episodes of every task, and random actions for them."""
-    specs = tuple(
-        spec for spec in suite_episodes(PROTOCOL.suite("smoke")) if spec.index < EPISODES_PER_TASK
-    )
+    plan = make_plan("smoke", episodes=EPISODES_PER_TASK)
     actions: dict[EpisodeSpec, Actions] = {}
-    for spec in specs:
+    for spec in plan.specs():
         size = PROTOCOL.task(spec.task).action_size
         rng = np.random.default_rng(spec.seed)
         actions[spec] = rng.uniform(-1, 1, (STEPS, size)).astype(np.float32)
-    return specs, Recording(actions, make_plan("smoke"))
+    return plan.specs(), Recording(actions, plan)
 
 
 def _bits(played: Iterable[PlayedEpisode]) -> dict[str, str]:

@@ -5,8 +5,7 @@ import signal
 
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.rollout import LocalEngine
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.runs.plan import make_plan
 from tests.evaluation.runs import digests, request
 from tests.process_tree import command_line, descendants
 
@@ -31,7 +30,7 @@ def test_a_worker_killed_from_outside_is_replaced_and_its_episode_repeated(finis
 
 def test_breaking_off_ends_the_workers():
     wanted = request("zero")
-    specs = suite_episodes(PROTOCOL.suite("table4"))
+    specs = make_plan("table4").specs()
     records = LocalEngine(2).run(wanted, specs[:10])
     next(records)
     records.close()

@@ -5,12 +5,11 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.scripted import ScriptedPolicy
-from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
 
-SPECS = {spec.task: spec for spec in suite_episodes(PROTOCOL.suite("smoke"))}
+SPECS = {spec.task: spec for spec in make_plan("smoke").specs()}
 
 
 @pytest.fixture(scope="module", params=list(TASK_CLASSES))

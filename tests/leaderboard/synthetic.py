@@ -19,9 +19,8 @@ from minitouch_bench.leaderboard.submission import (
     run_place,
 )
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.actions import write_actions
-from minitouch_bench.runs.plan import make_plan, suite_episodes
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import RunEnvironment, make_header, run_json
 from tests.reporting.synthetic import Played, make_record, measured, with_fault
 
@@ -49,7 +48,7 @@ def official_run(
     """Make a run of every episode of a suite, its policy as good as ``skill`` says."""
     rng = np.random.default_rng([seed, len(suite), int(1000 * skill)])
     records = []
-    for spec in suite_episodes(PROTOCOL.suite(suite), exploration=exploration):
+    for spec in make_plan(suite).specs(exploration=exploration):
         ease = skill / 2 if spec.role is Role.EXPLORATION else skill
         record = make_record(rng, spec, ease * (0.9 if spec.split == "held-out" else 1.0))
         # The recorded actions are as applied; none of these stands at a bound.

@@ -67,7 +67,7 @@ def test_native_files_of_another_form_are_refused(light):
         return safetensors.torch.save({**tensors, **changes}, metadata)
 
     form = {"architecture": "hac-actor-v1", "action_size": 5}
-    refused("native", b"plain text, long enough", "not a native checkpoint: it declares a header")
+    refused("native", b"plain text, long enough", "damaged, or not safetensors")
     refused("native", content[:-100], "damaged")
     refused("native", safetensors.torch.save(tensors), "save_native")
     refused("native", written({**form, "architecture": "other"}), "architecture 'other'")

@@ -8,8 +8,8 @@ from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.policy import load_policy
 from minitouch_bench.policies.scripted import CONTROLLERS, ScriptedPolicy, make_controller
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
 
@@ -24,7 +24,7 @@ def episodes(task, count, floor=""):
     """Play episodes with the scripted policy, or with a floor in this process."""
     environment = MiniTouchEnv(task)
     policy = load_policy(parse_source(floor)) if floor else ScriptedPolicy(lambda _: environment)
-    specs = [spec for spec in suite_episodes(PROTOCOL.suite("table4")) if spec.task == task]
+    specs = [spec for spec in make_plan("table4").specs() if spec.task == task]
     records = [run_episode(environment, policy, spec) for spec in specs[:count]]
     environment.close()
     return records

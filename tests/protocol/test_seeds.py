@@ -1,10 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from minitouch_bench.protocol.minitouch import PROTOCOL, episode_seed, policy_seed, senses_generator
-from minitouch_bench.runs.plan import suite_episodes
+from minitouch_bench.protocol.minitouch import episode_seed, policy_seed, senses_generator
+from minitouch_bench.runs.plan import make_plan
 
 KNOWN = {
     ("table4", "pushing", 0, 0): 3634405880,
@@ -22,9 +20,7 @@ def test_known_seeds():
 
 
 def test_no_two_episodes_of_the_suites_share_a_seed():
-    seeds = [
-        spec.seed for name in ("table4", "smoke") for spec in suite_episodes(PROTOCOL.suite(name))
-    ]
+    seeds = [spec.seed for name in ("table4", "smoke") for spec in make_plan(name).specs()]
     assert len(set(seeds)) == len(seeds)
     assert min(seeds) >= 0
     assert max(seeds) < 2**32
@@ -39,8 +35,7 @@ def test_known_policy_seed():
 
 
 def test_policy_seeds_have_64_bits_and_differ_wherever_a_word_differs():
-    suite = PROTOCOL.suite("table4")
-    seeds = [spec.policy_seed for spec in suite_episodes(suite)]
+    seeds = [spec.policy_seed for spec in make_plan("table4").specs()]
     seeds += [policy_seed(*key) for key in KNOWN if key not in {("table4", "pushing", 0, 0)}][3:]
     assert len(set(seeds)) == len(seeds)
     assert max(seeds) >= 2**63
@@ -52,12 +47,11 @@ def test_the_search_that_found_the_scene_of_a_secret_run_finds_nothing():
 
     Whatever seed of 32 bits is tried, an episode's own seed and the policy's are not among them.
     """
-    secret = replace(PROTOCOL.suite("table4"), seed=SECRET)
-    specs = suite_episodes(secret)
+    specs = make_plan("table4", seed=SECRET).specs()
     assert min(spec.seed for spec in specs).bit_length() > 64
-    public = {spec.policy_seed for spec in suite_episodes(PROTOCOL.suite("table4"))}
+    public = {spec.policy_seed for spec in make_plan("table4").specs()}
     assert not public & {spec.policy_seed for spec in specs}
-    again = [spec.policy_seed for spec in suite_episodes(replace(secret, seed=SECRET + 1))]
+    again = [spec.policy_seed for spec in make_plan("table4", seed=SECRET + 1).specs()]
     assert not set(again) & {spec.policy_seed for spec in specs}
 
 

@@ -9,7 +9,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES, PolicyLimits
-from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan, suite_episodes
+from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan
 from minitouch_bench.runs.run import make_header
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from tests.shapegen.conftest import subset
@@ -18,24 +18,22 @@ TABLE4 = PROTOCOL.suite("table4")
 
 
 def test_the_official_suite():
-    specs = suite_episodes(TABLE4)
+    specs = make_plan("table4").specs()
     assert TABLE4.rankable
     assert len(specs) == len(set(specs)) == 400
     assert [spec.task for spec in specs[::100]] == list(TASK_NAMES)
     assert [spec.index for spec in specs[:100]] == list(range(100))
     assert not PROTOCOL.suite("smoke").rankable
-    assert len(suite_episodes(PROTOCOL.suite("smoke"))) == 20
+    assert len(make_plan("smoke").specs()) == 20
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are_nor_on_the_tasks_beside_it():
-    few = replace(TABLE4, tasks=("opening", "pick-up"), episodes_per_task=3)
-    assert set(suite_episodes(few, exploration=True)) < set(
-        suite_episodes(TABLE4, exploration=True)
-    )
+    few = make_plan("table4", ("opening", "pick-up"), 3)
+    assert set(few.specs(exploration=True)) < set(make_plan("table4").specs(exploration=True))
 
 
 def test_exploration_faces_the_same_episodes_of_the_goals():
-    specs = suite_episodes(TABLE4, exploration=True)
+    specs = make_plan("table4").specs(exploration=True)
     exploration = [spec for spec in specs if spec.role is Role.EXPLORATION]
     assert {spec.task for spec in exploration} == set(GOAL_TASKS)
     assert [replace(spec, role=Role.FINAL) for spec in exploration] == [
@@ -44,20 +42,20 @@ def test_exploration_faces_the_same_episodes_of_the_goals():
 
 
 def test_pick_up_draws_train_shapes_by_seed():
-    specs = [spec for spec in suite_episodes(TABLE4) if spec.task == "pick-up"]
+    specs = [spec for spec in make_plan("table4").specs() if spec.task == "pick-up"]
     train = {shape.name for shape in canonical_shape_set().split("train")}
     shapes = [spec.shape for spec in specs]
     assert len(set(shapes)) > 10
     assert set(shapes) <= train
     assert {spec.split for spec in specs} == {"train"}
-    other = suite_episodes(replace(TABLE4, seed=5))
+    other = make_plan("table4", seed=5).specs()
     assert shapes != [spec.shape for spec in other if spec.task == "pick-up"]
 
 
 def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
-    suite, canonical = PROTOCOL.suite("novel-shapes"), canonical_shape_set()
+    whole, canonical = make_plan("novel-shapes").specs(), canonical_shape_set()
     for task in ("playing", "pushing", "pick-up"):
-        specs = [spec for spec in suite_episodes(suite) if spec.task == task]
+        specs = [spec for spec in whole if spec.task == task]
         by_split = {
             split: [spec.shape for spec in specs if spec.split == split]
             for split in ("held-out", "train")
@@ -65,8 +63,7 @@ def test_novel_shapes_faces_each_held_out_shape_once_and_as_many_others():
         held_out = [shape.name for shape in canonical.split("held-out")]
         assert sorted(by_split["held-out"]) == sorted(held_out)
         assert len(set(by_split["train"])) == len(by_split["train"]) == len(held_out)
-    few = suite_episodes(replace(suite, episodes_per_task=4))
-    assert set(few) < set(suite_episodes(suite))
+    assert set(make_plan("novel-shapes", episodes=4).specs()) < set(whole)
 
 
 def test_what_makes_a_run_unofficial_is_said():
@@ -178,9 +175,9 @@ def test_unknown_tasks_are_usage_errors(names):
 def test_chosen_episodes_are_those_of_the_whole_suite():
     chosen = choose_episodes(["pushing/17, 3", "opening/0", "pushing/3"], TABLE4)
     assert chosen == ("pushing/3", "pushing/17", "opening/0")
-    whole = {spec.key: spec for spec in suite_episodes(TABLE4, exploration=True)}
+    whole = {spec.key: spec for spec in make_plan("table4").specs(exploration=True)}
     keys = ("pushing/3", "pushing/17", "opening/0")
-    specs = suite_episodes(TABLE4, exploration=True, chosen=chosen)
+    specs = make_plan("table4", episodes_from=chosen).specs(exploration=True)
     assert [spec.key for spec in specs] == [*keys, *(f"exploration/{key}" for key in keys)]
     assert all(whole[spec.key] == spec for spec in specs)
 
