@@ -49,7 +49,7 @@ EPISODES_NOTE = "95 % intervals of the episodes of each training seed's policy."
 CONDITIONS_NOTE = (
     "Without a sense: it stays as it is at the reset, which the policy's own training does not "
     "contain. Change: the value less that of the same policy in the same episodes under standard "
-    "conditions, paired by episode. The standard row is of all episodes."
+    "conditions, paired by episode."
 )
 
 
@@ -264,10 +264,11 @@ def _conditions(joined: pd.DataFrame, episodes: pd.DataFrame) -> Iterator[str]:
     if rows:
         yield from ("", "## Other conditions")
         yield from table_lines(["Task", "Condition", "Metric", *methods], rows, 3)
-        yield from _notes(CONDITIONS_NOTE, *_silent_note(episodes), SEEDS_NOTE)
+        standard = "The standard row is of all episodes."
+        yield from _notes(f"{CONDITIONS_NOTE} {standard}", *silent_note(episodes), SEEDS_NOTE)
 
 
-def _silent_note(episodes: pd.DataFrame) -> Iterator[str]:
+def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
     """Say how often the forces of another episode had ended, if there are such rows."""
     main = episodes[(episodes["role"] == "final") & (episodes["suite"] == "table4")]
     lengths = main[main["conditions"] == ""].set_index([*KEY, "index"])["steps"]

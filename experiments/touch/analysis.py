@@ -17,7 +17,18 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from experiments.analysis import ABSENT, STUDIES, read_rows, table_lines, write_results
+from experiments.analysis import (
+    ABSENT,
+    CONDITIONS_NOTE,
+    STUDIES,
+    changes_of,
+    estimate_text,
+    join_seeds,
+    read_rows,
+    silent_note,
+    table_lines,
+    write_results,
+)
 from experiments.claims import SHARED_NOTE
 from experiments.figures import COLORS, SAME_BYTES
 from experiments.grid import cells_of, check_lock, finished_cells, read_design
@@ -77,19 +88,29 @@ NOTES = (
 )
 
 NUMBER_NOTE = (
-    "Success (touch share in Playing) of `hac` less that of `rnd-no-forces`, with 95 % intervals "
-    "over training seeds: Student's t, seeds taken as independent between arms, not corrected for "
-    "the number of intervals, too narrow where few seeds fail. The two parts add up to it: HaC's "
-    "curiosity in place of RND's (exploring), and forces that are felt in both phases (acting). "
-    "Each is the mean of the two comparisons that differ in it alone (Shapley's division)."
+    "Success (touch share in Playing). Forces felt: `hac` less `hac-no-forces`, which the claim "
+    "*Forces that are felt help to act* is about. All of touch: `hac` less `rnd-no-forces`. Its "
+    "two parts add up to it: HaC's curiosity in place of RND's (exploring), and forces that are "
+    "felt in both phases (acting). Each is the mean of the two comparisons that differ in it alone "
+    "(Shapley's division). 95 % intervals over training seeds: Student's t, seeds taken as "
+    "independent between arms, not corrected for the number of intervals, too narrow where few "
+    "seeds fail."
 )
 
+RELIANCE_NOTE = (
+    "This is what finished policies use, not what a policy would have learned without it. Means "
+    "over training seeds with 95 % intervals (Student's t); with one seed over its episodes."
+)
+
+FELT = "forces felt"
 PARTS: Mapping[str, Mapping[str, float]] = {
+    FELT: {"hac": 1.0, "hac-no-forces": -1.0},
     "all of touch": {"hac": 1.0, "rnd-no-forces": -1.0},
     "for exploring": {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
     "for acting": {"hac": 0.5, "hac-no-forces": -0.5, "rnd": 0.5, "rnd-no-forces": -0.5},
 }
-"""The touch number and its two parts, which add up to it: the weight of each arm."""
+"""Differences of arms, the weight of each: what felt forces are worth in HaC, then all of touch and
+its two parts, which add up to it."""
 
 
 def stratified_p(better: Sequence[np.ndarray], worse: Sequence[np.ndarray]) -> float:
@@ -273,8 +294,38 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
     state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
     arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
     lines = ["# What is touch for?", "", f"{state}. Arms with all {seeds} seeds: {arms}.", ""]
-    lines += [*_claim_lines(design, judged), *_number_lines(design, numbers)]
+    if FELT in {*numbers["part"]}:
+        lines += [answer(design, judged, numbers), ""]
+    lines += [*_claim_lines(design, judged), *_number_lines(design, numbers), ""]
+    lines += _reliance_lines(design, read_rows(directory, "episodes"))
     return TouchResults("\n".join(lines) + "\n", judged, numbers)
+
+
+def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFrame) -> str:
+    """Return what felt forces are worth as a sentence that can be quoted, with its verdict."""
+    (number,) = (
+        place + 1
+        for place, claim in enumerate(design["pooled"])
+        if {claim["better"]: 1.0, claim["worse"]: -1.0} == PARTS[FELT]
+    )
+    row = judged[(judged["claim"] == number) & (judged["task"] == "")].iloc[0]
+    felt = numbers[numbers["part"] == FELT].set_index("task")
+    tasks = design["pooled"][number - 1]["measure"]
+    worth = ", ".join(f"{_interval_text(felt.loc[task])} in {task_title(task)}" for task in tasks)
+    p = row["p_reversed"] if row["verdict"] == CONTRADICTED else row["p"]
+    return (
+        "**Policies that HaC trains with finger forces, less those that it trains without: success "
+        f"{worth}** (95 % intervals over {len(design['seeds'])} training seeds each). That felt "
+        f"forces help to act is {row['verdict']} ({_p_text(p)})."
+    )
+
+
+def _interval_text(row: Any) -> str:
+    return f"{row.value:+.3f} [{row.low:+.3f}, {row.high:+.3f}]"
+
+
+def _p_text(p: float) -> str:
+    return f"p = {p:.4f}" if p >= 0.0001 else "p < 0.0001"
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
@@ -291,7 +342,7 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                     f"{claim['better']} \\> {claim['worse']}",
                     ABSENT if row.verdict == WAITING else means,
                     ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
-                    ABSENT if np.isnan(p) else f"{p:.4f}" if p >= 0.0001 else "< 0.0001",
+                    ABSENT if np.isnan(p) else _p_text(p).removeprefix("p = ").removeprefix("p "),
                     row.verdict,
                 ]
             )
@@ -301,10 +352,7 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
 
 
 def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]:
-    shown = {
-        (row.task, row.part): f"{row.value:+.3f} [{row.low:+.3f}, {row.high:+.3f}]"
-        for row in numbers.itertuples()
-    }
+    shown = {(row.task, row.part): _interval_text(row) for row in numbers.itertuples()}
     rows = [
         [task_title(task), METRICS[metric].label, *(shown.get((task, p), ABSENT) for p in PARTS)]
         for task, metric in design["touch_number"].items()
@@ -314,6 +362,27 @@ def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]
     if len(numbers):
         lines += ["", "![With touch minus without, 95 % intervals](figures/touch-number.svg)"]
     return lines
+
+
+def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[str]:
+    """Return the table of what other forces than those felt change in finished policies."""
+    joined = join_seeds(changes_of(episodes))
+    played = [*dict.fromkeys(joined["conditions"])]
+    rows = []
+    for (task, method), group in joined.groupby(["task", "method"], sort=False):
+        of_cell = (episodes["task"] == task) & (episodes["method"] == method)
+        seeds = episodes[of_cell]["training_seed"].nunique()
+        cells = [estimate_text(group[group["conditions"] == one]) for one in played]
+        rows.append([task_title(str(task)), f"`{method}`", str(seeds), *cells])
+    notes = [RELIANCE_NOTE, CONDITIONS_NOTE, *silent_note(episodes)]
+    return [
+        "## What finished policies rely on",
+        "",
+        f"Change of success in the first {design['reliance']['episodes']} official episodes:",
+        *table_lines(["Task", "Arm", "Seeds", *played], rows, 2),
+        "",
+        *(f"- {note}" for note in notes),
+    ]
 
 
 def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:

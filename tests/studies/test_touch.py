@@ -8,7 +8,14 @@ import pandas as pd
 import pytest
 
 from experiments.grid import check_lock, in_task, read_design
-from experiments.touch.analysis import DESIGN, detectable, judge_pooled, stratified_p, touch_numbers
+from experiments.touch.analysis import (
+    DESIGN,
+    answer,
+    detectable,
+    judge_pooled,
+    stratified_p,
+    touch_numbers,
+)
 
 ROOT = Path(__file__).parents[2]
 RNG = np.random.default_rng(5)
@@ -89,12 +96,34 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
         for arm, mean in means.items()
     }
     numbers = touch_numbers({"pushing": "success"}, values).set_index("part")
-    assert [*numbers["value"]] == pytest.approx([0.6, 0.45, 0.15])
+    assert numbers["value"].to_dict() == pytest.approx(
+        {"forces felt": 0.2, "all of touch": 0.6, "for exploring": 0.45, "for acting": 0.15}
+    )
     all_of_it = numbers.loc["all of touch"]  # Student's t with 14 degrees of freedom
     deviation = np.linspace(-0.07, 0.07, 8).std(ddof=1)
     assert all_of_it["high"] - all_of_it["low"] == pytest.approx(
         2 * 2.1448 * deviation * (2 / 8) ** 0.5, rel=1e-3
     )
+
+
+def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
+    better, worse = "hac", "hac-no-forces"
+    measure = {"pushing": "success", "pick-up": "success"}
+    claims = [{"better": "rnd", "worse": "sac", "measure": measure},
+              {"better": better, "worse": worse, "measure": measure}]  # fmt: skip
+    values = {
+        (arm, task, "success"): mean + np.linspace(-0.07, 0.07, 8)
+        for arm, task, mean in (
+            (better, "pushing", 0.8), (worse, "pushing", 0.5),
+            (better, "pick-up", 0.75), (worse, "pick-up", 0.8),
+        )
+    }  # fmt: skip
+    judged, numbers = judge_pooled(claims, values), touch_numbers(measure, values)
+    said = answer({"pooled": claims, "seeds": range(8)}, judged, numbers)
+    assert "+0.300 [" in said.partition("in Pushing")[0]
+    assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
+    assert "help to act is confirmed (p = " in said
+    assert float(said.partition("(p = ")[2][:6]) == pytest.approx(judged["p"].iloc[1], abs=1e-4)
 
 
 def test_a_locked_design_may_not_change(tmp_path):
