@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.shapegen import exchange
 from minitouch_bench.shapegen.exchange import (
     ImportConfig,
@@ -134,7 +134,7 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     shapes = load_shape_set(folder)
     assert shapes.shapes[0].name == "good"
     assert shapes.document["refused"] == result.refused
-    with pytest.raises(UsageError, match="already"):
+    with pytest.raises(RunDirectoryError, match="already"):
         import_objects(tmp_path, folder, ImportConfig())
 
 
