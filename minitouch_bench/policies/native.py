@@ -118,7 +118,7 @@ def _read_form(content: bytes) -> PolicyMetadata:
     header = json.loads(content[8 : 8 + length])  # which safetensors has checked
     try:
         form = msgspec.json.decode(header["__metadata__"][METADATA_KEY], type=PolicyMetadata)
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, RecursionError) as error:
         raise PolicyLoadError(
             f"not a native checkpoint: no '{METADATA_KEY}' entry in its metadata. Write it with "
             "minitouch_bench.policies.native.save_native"
