@@ -12,12 +12,9 @@ import errno
 import fcntl
 import hashlib
 import os
-import pickle
 import re
 import secrets
 import stat
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -28,12 +25,6 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UnreadableFileError,
 )
-
-DAMAGE = (
-    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, AssertionError,
-    EOFError, pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What torch and Minari raise where a file is damaged or of another kind."""
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -126,16 +117,6 @@ def os_errors_as(
     except OSError as error:
         reason = error.strerror or str(error)
         raise kind(f"{path} cannot be {action}: {reason}{hint}") from error
-
-
-@contextmanager
-def damage_as(kind: type[MiniTouchError], what: str) -> Iterator[None]:
-    """Raise what reading a damaged file causes in a block as an error that says "WHAT: why"."""
-    try:
-        yield
-    except DAMAGE as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise kind(f"{what}: {reason}") from error
 
 
 @contextmanager

@@ -316,7 +316,7 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFram
     return (
         "**Policies that HaC trains with finger forces, less those that it trains without: success "
         f"{worth}** (95 % intervals over {len(design['seeds'])} training seeds each). That felt "
-        f"forces help to act is {row['verdict']} ({_p_text(p)})."
+        f"forces help to act is {row['verdict']} (adjusted p: {_p_text(p)})."
     )
 
 
@@ -325,7 +325,7 @@ def _interval_text(row: Any) -> str:
 
 
 def _p_text(p: float) -> str:
-    return f"p = {p:.4f}" if p >= 0.0001 else "p < 0.0001"
+    return f"{p:.4f}" if p >= 0.0001 else "< 0.0001"
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
@@ -342,7 +342,7 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                     f"{claim['better']} \\> {claim['worse']}",
                     ABSENT if row.verdict == WAITING else means,
                     ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
-                    ABSENT if np.isnan(p) else _p_text(p).removeprefix("p = ").removeprefix("p "),
+                    ABSENT if np.isnan(p) else _p_text(p),
                     row.verdict,
                 ]
             )

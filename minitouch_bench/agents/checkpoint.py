@@ -6,18 +6,20 @@ else, and the length that ``replay.bin`` had: what a later kill left behind that
 
 import io
 import os
+import pickle
 import zipfile
-from contextlib import AbstractContextManager
+import zlib
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import MiniTouchError, RunDirectoryError
 from minitouch_bench.files import (
     LARGEST_CHECKPOINT,
-    damage_as,
     open_plain,
     os_errors_as,
     read_file,
@@ -29,6 +31,23 @@ IMAGES_FILE = "replay.bin"
 
 CHECKPOINT_VERSION = 3
 """Changes with the meaning of what a checkpoint contains; only this version is resumed."""
+
+
+DAMAGE = (
+    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, AssertionError,
+    EOFError, pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What torch and Minari raise where a file is damaged or of another kind."""
+
+
+@contextmanager
+def damage_as(kind: type[MiniTouchError], what: str) -> Iterator[None]:
+    """Raise what reading a damaged file causes in a block as an error that says "WHAT: why"."""
+    try:
+        yield
+    except DAMAGE as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise kind(f"{what}: {reason}") from error
 
 
 class CheckpointFiles:

@@ -48,7 +48,7 @@ class PhaseConfig:
     the critic's estimate; exploration always uses 1. ``success_share``: share of each batch, at
     least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
     allowed.
-    ``keypoint_updates``, of the task phase alone: gradient steps in which an encoder learns to find
+    ``keypoint_updates``: in the task phase alone, gradient steps in which an encoder learns to find
     keypoints in the memory's images, before the first control step. A new actor and new critics,
     with layer norm, see the coordinates of these keypoints. With 0 the phase goes on with the
     networks of the exploration, which see features of the encoder of Table 3, trained by the
@@ -331,6 +331,8 @@ def _by_name(settings: Mapping[str, Any], table: str = "") -> dict[str, Any]:
     """Return settings of nested tables by their names, as in ``task_phase.steps``."""
     named: dict[str, Any] = {}
     for name, value in settings.items():
-        inner = isinstance(value, Mapping)
-        named |= _by_name(value, f"{table}{name}.") if inner else {f"{table}{name}": value}
+        if isinstance(value, Mapping):
+            named |= _by_name(value, f"{table}{name}.")
+        else:
+            named[f"{table}{name}"] = value
     return named

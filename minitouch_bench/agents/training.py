@@ -175,19 +175,19 @@ class Training:
         self.kept_step: int | None = None
         """Step of the last checkpoint."""
 
-    def start(self, *, over: bool = False) -> None:
-        """Begin, or go on from the last checkpoint, if there is one and not ``over``.
+    def start(self, *, fresh: bool = False) -> None:
+        """Begin, or go on from the last checkpoint, if there is one and not ``fresh``.
 
         Raises:
             RunDirectoryError: a file of it is damaged.
             UsageError: the recorded dataset cannot be read.
         """
         self._clock = time.perf_counter()
-        if self._files.exists() and not over:
+        if self._files.exists() and not fresh:
             self._resume()
         else:
             self._begin()
-        if not over:
+        if not fresh:
             cut_rows(self._directory / PROGRESS_FILE, self.step)
 
     def run(self) -> bool:

@@ -117,7 +117,7 @@ def run_training(
             callbacks=replace(callbacks, row=on_row),
             device=chosen,
         )
-        training.start(over=fresh)
+        training.start(fresh=fresh)
         if fresh:  # nothing can be refused any more
             _remove_training(directory)
         files.write_file(directory / CONFIG_FILE, write_toml(config))

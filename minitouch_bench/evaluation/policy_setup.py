@@ -167,8 +167,8 @@ def _find_policy(
         source = policy
     elif isinstance(policy, str | Path):
         source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
-        trained = trained_task(Path(policy))
-        if role is Role.FINAL and trained is not None and {*tasks} != {trained}:
+        trained = trained_task(source)
+        if trained is not None and {*tasks} != {trained}:
             note(f"{policy} was trained in {trained}: --tasks {trained} leaves out the other tasks")
     else:
         source = keep_in_memory(policy)

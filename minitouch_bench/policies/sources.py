@@ -102,11 +102,13 @@ def parse_source(
     )
 
 
-def trained_task(directory: Path) -> str | None:
-    """Return the task of the training in a directory, None where there is no training."""
+def trained_task(source: PolicySource) -> str | None:
+    """Return the task of the training whose final policy this is, None of another policy."""
+    file = Path(source.target)
     with suppress(UsageError):
-        task = read_toml(directory / CONFIG_FILE).get("task")
-        return task if task in TASK_NAMES else None
+        if file.name == TRAINED_FILE:
+            task = read_toml(file.with_name(CONFIG_FILE)).get("task")
+            return task if task in TASK_NAMES else None
     return None
 
 

@@ -16,7 +16,6 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
-    NOVEL_SHAPES,
     PROTOCOL,
     USUAL_LIMITS,
     PolicyLimits,
@@ -29,6 +28,9 @@ from minitouch_bench.shapegen import manifest
 
 NAMED = 6
 """Chosen episodes that a label names; the rest are counted."""
+
+NOVEL_SUITES = frozenset(suite.name for suite in PROTOCOL.suites if suite.novel_shapes)
+"""Suites whose episodes face each held-out shape once, and as many train shapes."""
 
 LIMITS_IN_WORDS = {
     "act_timeout_s": "{:g} s per action",
@@ -107,10 +109,9 @@ class Plan:
 
     @lru_cache(maxsize=8)  # noqa: B019  a plan is a value, and of few runs
     def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
-        """Return the episodes, in the suite's order; with ``exploration`` those of that role too.
+        """Return the episodes, task by task; with ``exploration`` those of that role too.
 
-        Raises:
-            UsageError: there is no such suite.
+        Both roles face the same episodes. Playing has no exploration metric.
         """
         wanted = frozenset(self.chosen)
         final = tuple(
@@ -135,7 +136,7 @@ class Plan:
             if self.objects.source or name == CUBE:
                 return replace(spec, shape=name)
             shape = manifest.canonical_shape_set().by_name(name)
-        elif self.suite == NOVEL_SHAPES:
+        elif self.suite in NOVEL_SUITES:
             shape = _novel_shape(self.suite, index)
         elif objects in ("", CUBE):
             return replace(spec, shape=objects)

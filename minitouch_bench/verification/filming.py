@@ -53,7 +53,7 @@ class _FilmedPolicy:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action."""
         self.scenes.append(self._world.picture())
-        self.images.append(observation["image"][0].copy())
+        self.images.append(observation["image"][0])
         return self._policy.act(observation)
 
 

@@ -122,8 +122,10 @@ def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
     said = answer({"pooled": claims, "seeds": range(8)}, judged, numbers)
     assert "+0.300 [" in said.partition("in Pushing")[0]
     assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
-    assert "help to act is confirmed (p = " in said
-    assert float(said.partition("(p = ")[2][:6]) == pytest.approx(judged["p"].iloc[1], abs=1e-4)
+    assert "help to act is confirmed (adjusted p: " in said
+    assert float(said.partition("adjusted p: ")[2][:6]) == pytest.approx(
+        judged["p"].iloc[1], abs=1e-4
+    )
 
 
 def test_a_locked_design_may_not_change(tmp_path):
