@@ -23,14 +23,12 @@ from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import PolicyLoadError, describe
 from minitouch_bench.machine import look_up
 from minitouch_bench.policies.policy import (
-    TOUCH_SHAPE,
     Observation,
     Policy,
     PolicySource,
     action_size,
     close_policy,
 )
-from minitouch_bench.protocol.minitouch import PROTOCOL
 
 
 def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
@@ -128,6 +126,8 @@ def _without_training(policy: object) -> object:
         return policy
     module = policy
     if _is_sb3_model(policy):
+        from minitouch_bench.policies.sb3 import refuse_normalized  # noqa: PLC0415  imports torch
+
         refuse_normalized(vars(policy))
         module = policy.policy  # type: ignore[attr-defined]
     torch = sys.modules.get("torch")
@@ -147,23 +147,6 @@ def _has_act(policy: object) -> bool:
 def _is_sb3_model(policy: object) -> bool:
     module = sys.modules.get("stable_baselines3.common.base_class")
     return module is not None and isinstance(policy, module.BaseAlgorithm)
-
-
-def refuse_normalized(settings: dict[str, Any]) -> None:
-    """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
-
-    The settings hold the last observation. In a normalized one the image is not of bytes, or the
-    finger openings are out of their range: normalized numbers are as often negative as positive.
-    """
-    last = settings.get("_last_obs")
-    if not isinstance(last, dict) or last.keys() != {"image", "touch"}:
-        return
-    openings = last["touch"].reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.openings]
-    if last["image"].dtype != np.uint8 or (openings < 0).any() or (openings > 1).any():
-        raise PolicyLoadError(
-            "it was trained under VecNormalize, whose statistics are not in the zip. Train with "
-            "VecNormalize(norm_obs=False), or put the normalization into the network"
-        )
 
 
 class RandomPolicy:

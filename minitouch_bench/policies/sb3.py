@@ -25,7 +25,7 @@ from minitouch_bench.policies.policy import (
     PolicySource,
     zero_observation,
 )
-from minitouch_bench.policies.python_objects import refuse_normalized
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ACTION_SIZES
 
 ON_POLICY = "gae_lambda"
@@ -124,6 +124,23 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
         raise PolicyLoadError("its weights do not fit its network") from error
     policy.set_training_mode(False)
     return policy
+
+
+def refuse_normalized(settings: dict[str, Any]) -> None:
+    """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
+
+    The settings hold the last observation. In a normalized one the image is not of bytes, or the
+    finger openings are out of their range: normalized numbers are as often negative as positive.
+    """
+    last = settings.get("_last_obs")
+    if not isinstance(last, dict) or last.keys() != {"image", "touch"}:
+        return
+    openings = last["touch"].reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.openings]
+    if last["image"].dtype != np.uint8 or (openings < 0).any() or (openings > 1).any():
+        raise PolicyLoadError(
+            "it was trained under VecNormalize, whose statistics are not in the zip. Train with "
+            "VecNormalize(norm_obs=False), or put the normalization into the network"
+        )
 
 
 def count_frames(space: Any) -> int:
