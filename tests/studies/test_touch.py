@@ -43,6 +43,11 @@ def test_equal_arms_have_a_p_value_of_1_and_separate_ones_the_least():
     assert stratified_p(*apart) == pytest.approx(1 / 12870)
 
 
+def test_arms_of_unequal_numbers_of_seeds_are_not_compared():
+    with pytest.raises(ValueError, match="7 of the other"):
+        stratified_p([np.full(8, 0.5)], [np.full(7, 0.5)])
+
+
 def known(**means):
     return {
         (arm, task, "success"): np.clip(mean + RNG.normal(0, 0.05, 8), 0, 1).round(2)
@@ -54,7 +59,7 @@ def known(**means):
 def test_single_tasks_are_decided_only_inside_a_decided_claim():
     judged = judge_pooled(CLAIMS, known(hac=0.8, rnd=0.4, sac=0.4)).set_index(["claim", "task"])
     assert {*judged.loc[1, "verdict"]} == {"confirmed"}
-    assert {*judged.loc[2, "verdict"]} == {"not decided"}
+    assert [*judged.loc[2, "verdict"]] == ["not decided", "not tested", "not tested"]
     assert judged["p"].isna().tolist() == [False] * 4 + [True] * 2
     values = known(hac=0.4, rnd=0.8, sac=0.8)
     values["rnd", "pushing", "success"] = values["hac", "pushing", "success"]
@@ -64,6 +69,22 @@ def test_single_tasks_are_decided_only_inside_a_decided_claim():
         "pushing": "not decided",
         "pick-up": "contradicted",
     }
+
+
+def test_whole_seeds_keep_the_level_where_a_seed_is_alike_in_all_tasks():
+    found, rng = [], np.random.default_rng(0)
+    for _ in range(400):
+        one, other = rng.normal(0.5, 0.1, (2, 8)).round(3)  # equal arms
+        found.append((stratified_p([one, one], [other, other]), stratified_p([one], [other])))
+    by_tasks, whole = np.mean(np.array(found) <= 0.05, axis=0)
+    assert whole <= 0.07 < by_tasks
+    values = {
+        (arm, task, "success"): seeds
+        for arm, seeds in (("hac", one), ("rnd", other))
+        for task in ("pushing", "pick-up")
+    }
+    judged = judge_pooled(CLAIMS[:1], values).iloc[0]
+    assert judged[["p", "p_whole_seeds"]].tolist() == pytest.approx([*found[-1]])
 
 
 def test_a_claim_that_is_judged_before_others_are_trained_keeps_its_verdict():
@@ -122,7 +143,8 @@ def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
     said = answer({"pooled": claims, "seeds": range(8)}, judged, numbers)
     assert "+0.300 [" in said.partition("in Pushing")[0]
     assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
-    assert "help to act is confirmed (adjusted p: " in said
+    assert "is confirmed (adjusted p: " in said
+    assert said.endswith("Pushing: confirmed, Pick-up: not decided.")
     assert float(said.partition("adjusted p: ")[2][:6]) == pytest.approx(
         judged["p"].iloc[1], abs=1e-4
     )
