@@ -66,7 +66,7 @@ NOTES = (
     "p: adjusted by Holm's method over all claims; one that waits for trainings counts as 1. So p "
     "can only fall when more arms are finished: a decided claim stays decided, another can still "
     "become so. A single task is tested only inside a decided claim, in its direction, with Holm's "
-    "method over the claim's tasks: the chance of a false result is at most 5 % within a claim, but "
+    "method over the claim's tasks: the chance of a false result is at most 5 % in a claim, but "
     "not over all single tasks.",
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction. "
     "The chance of any false claim is at most 5 % for each of the two words, where equal arms have "

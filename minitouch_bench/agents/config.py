@@ -1,4 +1,4 @@
-"""The settings of a training, as one frozen value that a TOML file can hold."""
+"""The settings of a training, as one frozen value that a TOML file can contain."""
 
 import math
 from collections.abc import Mapping

@@ -124,10 +124,12 @@ Trust = Annotated[
     bool, isolation_option("--trust", help="Run a policy's own Python code on this machine.")
 ]
 ActTimeout = Annotated[
-    float, timeout_option(help="Seconds a policy may take for one action; another is unofficial.")
+    float,
+    timeout_option(help="Seconds a policy may take for one action; another value is unofficial."),
 ]
 EpisodeTimeout = Annotated[
-    float, timeout_option(help="Seconds a policy may take in an episode; another is unofficial.")
+    float,
+    timeout_option(help="Seconds a policy may take in an episode; another value is unofficial."),
 ]
 Resume = Annotated[bool, output_option("--resume", help="Continue the run in the directory.")]
 Fresh = Annotated[bool, output_option("--fresh", help="Replace the run in the directory.")]

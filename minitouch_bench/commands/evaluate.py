@@ -37,7 +37,7 @@ def evaluate(
             metavar="N",
             min=1,
             max=MAX_EPISODES,
-            help="Episodes per task; another number than the suite's is unofficial.",
+            help="Episodes per task; another number makes the run unofficial.",
         ),
     ] = None,
     episodes_from: Annotated[

@@ -23,7 +23,10 @@ def replay(
     ],
     *,
     video: Annotated[
-        bool, typer.Option("--video", help="Also record a video, .mp4 or without the extra .gif.")
+        bool,
+        typer.Option(
+            "--video", help="Also record a video: .mp4, or .gif without the extra 'video'."
+        ),
     ] = False,
     csv: Annotated[
         bool,
@@ -35,8 +38,8 @@ def replay(
         Path | None,
         typer.Option(
             metavar="FILE.html",
-            help="By default in RUN/replays/, of a submission's run in reports/; the other files "
-            "are written beside it.",
+            help="By default in RUN/replays/, or in reports/ for a run of a submission; the other "
+            "files are written beside it.",
         ),
     ] = None,
 ) -> None:

@@ -27,8 +27,8 @@ def report(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Directory of report.html; by default the run's, for a submission's run one in "
-            "reports/, for several runs reports/comparison/NAMES.",
+            help="Directory of report.html; by default the run's, one in reports/ for a run of a "
+            "submission, reports/comparison/NAMES for several runs.",
         ),
     ] = None,
     names: Annotated[str | None, typer.Option(metavar="A,B", help="Names of the runs.")] = None,

@@ -25,7 +25,7 @@ def submit(
         about_option(
             metavar="N",
             min=0,
-            help="Control steps of a whole training, all phases and tasks; 0 of no training.",
+            help="Control steps of a whole training, all phases and tasks; 0 if none.",
         ),
     ],
     training_seeds: Annotated[
@@ -55,7 +55,8 @@ def submit(
     notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
     directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
     include_checkpoint: Annotated[
-        bool, output_option(help="Copy the checkpoint, or name it on the Hub, to be run again.")
+        bool,
+        output_option(help="Copy the checkpoint, or name its address on the Hub, to run it again."),
     ] = True,
 ) -> None:
     """Pack finished official runs as a submission for the leaderboard.

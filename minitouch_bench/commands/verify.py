@@ -36,7 +36,7 @@ def verify(
         ),
     ] = 0,
     policy: Annotated[
-        str | None, rerun_option(help="Where the checkpoint is now; by default where it was.")
+        str | None, rerun_option(help="Where the checkpoint is now; by default the recorded place.")
     ] = None,
     exploration: Annotated[
         str | None, rerun_option(help="Where the exploration checkpoint is now.")

@@ -1,6 +1,6 @@
 """The gate over retrainings: whether a method got worse, by one run of each of its training seeds.
 
-A gate on one checkpoint cannot tell a worse method from an unlucky training seed.
+A gate on one checkpoint cannot distinguish a worse method from an unlucky training seed.
 """
 
 import math

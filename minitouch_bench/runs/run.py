@@ -1,4 +1,4 @@
-"""A finished run: its facts as ``run.json`` and ``actions.npz`` hold them, read once.
+"""A finished run: its facts as ``run.json`` and ``actions.npz`` contain them, read once.
 
 Everything people look at is a view of it, and every check works on it.
 """
@@ -127,12 +127,12 @@ class RunEnvironment:
 # Apart from ``Run``, whose ``episodes`` are a frame for Python users: here they are rows.
 @dataclass(frozen=True)
 class RunDocument:
-    """What ``run.json`` holds: everything a report is made from.
+    """What ``run.json`` contains: everything a report is made from.
 
-    ``digest`` covers every episode: runs with equal ones hold the same bits. ``faults`` says what
-    the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is a
-    failed episode. Episodes are in the suite's order. Equal runs give equal documents except for
-    ``environment``, which alone holds times.
+    ``digest`` covers every episode: runs with equal digests have the same bits. ``faults`` says
+    what the policy did wrong, by episode, such as "pushing/17" or "exploration/pushing/17"; each is
+    a failed episode. Episodes are in the suite's order. Equal runs give equal documents except for
+    ``environment``, which alone contains times.
     """
 
     format: Literal["minitouch-run"]
@@ -248,7 +248,7 @@ class Run:
         """The recorded actions by episode, as in "pushing/17", float32 (T, A) each.
 
         Raises:
-            RunDirectoryError: the file is missing or damaged, or holds other episodes.
+            RunDirectoryError: the file is missing or damaged, or contains other episodes.
         """
         if self.directory is None:
             return self.kept_actions
@@ -396,7 +396,7 @@ def read_run(directory: Path) -> Run:
         content = files.read_file(file)
     except FileNotFoundError as error:
         if (file.parent / files.JOURNAL_FILE).exists():
-            what = "holds an unfinished run: the command that began it finishes it with --resume"
+            what = "contains an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():
             what = f"is not a run directory: it has no {files.RUN_FILE}"
         else:
