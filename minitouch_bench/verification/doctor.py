@@ -199,11 +199,14 @@ def recorded() -> dict[str, Golden]:
     return {task: Golden(**entry) for task, entry in json.loads(text).items()}
 
 
-def golden_bits(task: str) -> str:
-    """Return the SHA-256 over all that is observed in the task's golden episode."""
+def golden_bits(task: str, objects: str | None = None) -> str:
+    """Return the SHA-256 over all that is observed in the task's golden episode.
+
+    ``objects``: those of the task's constructor; by default the task's own.
+    """
     sha = hashlib.sha256()
     rng = np.random.default_rng(GOLDEN_SEED)
-    with contextlib.closing(MiniTouchEnv(task)) as environment:
+    with contextlib.closing(MiniTouchEnv(task, objects=objects)) as environment:
         observation, info = environment.reset(seed=GOLDEN_SEED)
         for _ in range(STEPS):
             for array in (observation["image"], observation["touch"], info["object_state"]):

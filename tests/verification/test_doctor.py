@@ -26,3 +26,15 @@ def test_the_golden_episode_is_as_recorded(task):
         "a value of the protocol changed: record the golden digests again"
     )
     assert golden_bits(task) == golden.bits, "simulation changed: raise the task's revision"
+
+
+@pytest.mark.parametrize(
+    ("task", "bits"),
+    [
+        ("playing", "d86770533d74c0c3659a80eb2a803b36a5ec752fbe733015fb1576b57a35cdef"),
+        ("pushing", "37bb02b87be75dc741a7cf0f103cc1f829fbb89631cd802670fd42609e406f98"),
+        ("pick-up", "ea156cee5eb58382bc7afcfc039eb9e66ef375e6c4dab52b3fbcc5564b62257c"),
+    ],
+)
+def test_a_held_out_shape_moves_as_recorded(task, bits):
+    assert golden_bits(task, "held-out") == bits, "simulation changed: raise the task's revision"
