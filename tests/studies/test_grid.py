@@ -11,7 +11,7 @@ import pytest
 
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
-from experiments.row import collect, evaluate_arm
+from experiments.row import collect, join_arm
 
 ROOT = Path(__file__).parents[2]
 DESIGN = """
@@ -136,5 +136,5 @@ def test_a_row_takes_the_policies_of_finished_seeds_only(design, tmp_path, capsy
     }  # fmt: skip
     assert [file.name for file in folders[1].iterdir()] == ["opening.safetensors"]
     pd.DataFrame([vars(cells[0])]).to_csv(tmp_path / "trainings.csv")
-    assert not evaluate_arm(design, tmp_path, "rnd", "1")
+    assert not join_arm(design, tmp_path, "rnd")
     assert capsys.readouterr().err == "seed 0 waits for opening-rnd-60-0\n"
