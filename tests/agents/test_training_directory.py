@@ -185,20 +185,14 @@ def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
 # A full disk
 
 
-@pytest.fixture(scope="module")
-def quiet(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("quiet")
-    assert run_training(CONFIG, directory, device="cpu")
-    return directory
-
-
-@pytest.mark.parametrize("writer", [(checkpoint, "write_file"), (training, "append_bytes")])
-@pytest.mark.parametrize("kept", [0, 21])
+@pytest.mark.parametrize(
+    "place", [(checkpoint, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
+)
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
-    quiet, tmp_path, monkeypatch, writer, kept
+    undisturbed, tmp_path, monkeypatch, place
 ):
     """``kept``: the step of the last checkpoint; there is one at every seventh step."""
-    module, name = writer
+    module, name, kept = place
     write, calls = getattr(module, name), []
 
     def fill(path, content):
@@ -218,7 +212,7 @@ def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     assert (tmp_path / "run" / "checkpoint.pt").exists() == bool(kept)
     monkeypatch.undo()
     assert run_training(CONFIG, tmp_path / "run", resume=True, device="cpu")
-    assert outcome(tmp_path / "run") == outcome(quiet)
+    assert outcome(tmp_path / "run") == outcome(undisturbed)
 
 
 # A damaged checkpoint

@@ -4,14 +4,14 @@ import pytest
 
 from tests.commands.command import Finished, run
 
-HERE = Path(__file__).parent
+POLICIES = Path(__file__).parents[1] / "evaluation"
 SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", "2")
 
 
 @pytest.fixture(autouse=True)
 def importable(monkeypatch):
-    """Let policy processes import ``strangers`` from here."""
-    monkeypatch.setenv("PYTHONPATH", str(HERE), prepend=":")
+    """Let policy processes import ``misbehaved`` from there."""
+    monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
 
 
 @pytest.fixture(scope="session")

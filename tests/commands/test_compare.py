@@ -40,12 +40,6 @@ def test_three_runs_are_compared_and_written(runs, tmp_path):
     assert json.loads(again.out) == document
 
 
-def test_a_real_run_beside_itself_is_identical(scripted):
-    done = run("compare", scripted[1], scripted[1], directory=scripted[1].parent)
-    assert done.code == 0, done.err
-    assert "every episode is the same to the last bit" in done.out
-
-
 REFUSED = [
     (("a",), 2, "2 to 26"),
     (("a", "few"), 2, "episodes"),

@@ -114,7 +114,7 @@ def test_chosen_episodes_that_do_not_exist(tmp_path):
         ("gone.pt", "does not exist"),
         ("notes.pt", "notes.pt"),
         ("cut.zip", "cut.zip"),
-        ("strangers:Policy", "--trust"),
+        ("misbehaved:Still", "--trust"),
     ],
 )
 def test_a_policy_that_cannot_be_used_is_refused_and_makes_no_directory(tmp_path, policy, word):
@@ -137,18 +137,16 @@ def test_a_training_is_not_played_in_other_tasks_without_a_word(tmp_path):
 
 
 def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
-    options = ("--episodes", 1, "--workers", 2, "--act-timeout", 0.5, "--trust")
-    done = run(
-        "evaluate", "strangers:OneFaultATask", *options, "--output", "run", directory=tmp_path
-    )
+    options = ("--trust", "--tasks", "pushing,opening", "--episodes", 1, "--act-timeout", 7.5)
+    policy = "misbehaved:FaultInPushing"
+    done = run("evaluate", policy, *options, "--output", "run", directory=tmp_path)
     assert done.code == 4
     assert "Traceback" not in done.err
-    assert {row["outcome"] for row in rows(tmp_path / "run")} == {"policy_fault"}
-    assert {row["success"] for row in rows(tmp_path / "run")} <= {"0", "false", "False"}
-    text = (tmp_path / "run" / "run.json").read_text()
-    for fault in ("NaN", "3 numbers, not 4 or 5", "no action within 0.5 s", "exited with code 3"):
-        assert fault in text
-        assert fault in (tmp_path / "run" / "report.html").read_text()
+    assert [row["outcome"] for row in rows(tmp_path / "run")] == ["policy_fault", "step_limit"]
+    assert {row["success"] for row in rows(tmp_path / "run")} == {"false"}
+    for file in ("run.json", "report.html"):
+        assert "NaN" in (tmp_path / "run" / file).read_text()
+    assert '"act_timeout_s": 7.5' in (tmp_path / "run" / "run.json").read_text()
 
 
 @pytest.mark.parametrize(

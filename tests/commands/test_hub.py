@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import sys
 import threading
 import tomllib
 from dataclasses import replace
@@ -21,6 +22,7 @@ from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address
+from tests.commands.command import run as run_here
 from tests.commands.command import run_installed as run
 from tests.leaderboard.synthetic import official_run, write_official
 
@@ -176,9 +178,9 @@ def test_a_file_that_is_not_there(hub, tmp_path):
     done.refused(3, "@v2", "cannot be fetched")
 
 
-@pytest.mark.skipif(find_spec("huggingface_hub") is not None, reason="huggingface_hub is there")
-def test_without_the_library_the_extra_is_named(tmp_path):
-    done = run("evaluate", ADDRESS, directory=tmp_path)
+def test_without_the_library_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
+    done = run_here("evaluate", ADDRESS, directory=tmp_path)
     done.refused(3, "huggingface_hub", "minitouch-bench[hub]")
 
 

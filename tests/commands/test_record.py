@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import minari
 import numpy as np
 import pytest
@@ -10,8 +8,6 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-
-POLICIES = Path(__file__).parents[1] / "evaluation"
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +41,8 @@ def test_a_training_reads_it_too(dataset):
     assert {steps[0], replay.rows - 1}.isdisjoint(led)
 
 
-def test_a_fault_is_no_end_of_the_task(tmp_path, monkeypatch):
+def test_a_fault_is_no_end_of_the_task(tmp_path):
     """A memory that learned from it would take the last state for a goal."""
-    monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
     options = {"task": "pushing", "episodes": 1, "trust": True}
     with pytest.raises(typer.Exit) as end:
         record("misbehaved:FaultInPushing", output=tmp_path / "log", **options)

@@ -101,12 +101,6 @@ def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
     assert text.count("\n## ") == 2
 
 
-def test_equal_digests_are_no_regression_and_say_so(runs):
-    done = gate(runs, "good", "--strict")
-    assert done.code == 0
-    assert "no regression: the run digests are equal" in done.out
-
-
 def test_not_enough_episodes_are_never_called_a_pass_and_fail_if_worse_beyond_the_tolerance(runs):
     done = gate(runs, "close", "--tolerance", "0.3", "--alpha", "0.001", "--json")
     assert json.loads(done.out)["decision"] == "no regression"

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.commands.report import report
+from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
@@ -29,7 +30,7 @@ def inside(submission, monkeypatch):
     before = sorted(submission.rglob("*"))
     yield submission
     assert sorted(submission.rglob("*")) == before
-    assert validate(submission).passed
+    assert validate(submission, trust_proofs=True).level is ProofLevel.VERIFIED  # of these bytes
 
 
 def shortest(directory):
@@ -38,7 +39,7 @@ def shortest(directory):
     return f"{row.task}/{row.index}"
 
 
-@pytest.mark.parametrize("place", ["..", "", "seed-0", "seed-0/table4"])
+@pytest.mark.parametrize("place", ["..", "seed-0/table4"])
 def test_even_where_one_works_among_the_submissions(inside, monkeypatch, place):
     monkeypatch.chdir(inside / place)
     report([inside / "seed-0" / "table4"])

@@ -45,15 +45,6 @@ def test_forces_that_are_missing_are_replayed(scripted, tmp_path):
     assert not (copy / "forces.csv").exists()
 
 
-@pytest.mark.parametrize("content", [None, "no json"])
-def test_what_is_no_run_is_refused(tmp_path, content):
-    directory = tmp_path / "none"
-    directory.mkdir()
-    if content is not None:
-        (directory / "run.json").write_text(content)
-    run("report", directory, directory=tmp_path).refused(6, "none")
-
-
 def test_runs_are_called_what_the_user_says(scripted, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(scripted[1], other)

@@ -11,15 +11,18 @@ import typer
 
 from minitouch_bench.commands.submit import submit
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.packing import PACKING
 from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 from tests.commands.command import run
 from tests.leaderboard.synthetic import CHECKPOINT, official_run, write_official
 
 RUN = Path("reports/hac-table4")
 ABOUT = {"name": "hac", "training_steps": 1000}
 FACTS = {"run.json", "actions.npz"}
-HOPELESS = ("hopeless:Policy", "--trust", "--workers", 2)
+HOPELESS = ("misbehaved:Untaught", "--trust", "--workers", 2)
 """A policy that fails at every first step: the official episodes take seconds."""
 
 
@@ -78,6 +81,58 @@ def test_runs_of_several_trainings_and_suites_are_packed_together(evaluated):
     assert not validate(Path("submissions/hac")).problems
 
 
+@pytest.fixture
+def per_task(evaluated):
+    """A finished run of a directory with a checkpoint for each task."""
+    Path("policies").mkdir()
+    for task in TASK_NAMES:
+        Path("policies", f"{task}.safetensors").write_bytes(CHECKPOINT + task.encode())
+    played = official_run()
+    header = replace(played.header, policy=parse_source("policies").identity())
+    write_official(replace(played, header=header), Path("reports/per-task"))
+    return Path("reports/per-task")
+
+
+def test_a_directory_is_packed_with_the_checkpoint_of_each_task(per_task):
+    submit([per_task], **ABOUT)
+    place = Path("submissions/hac")
+    found = validate(place)
+    assert not found.problems
+    packed = {
+        file.task: (place / file.path).read_bytes()
+        for file in found.submission.seeds[0].checkpoints
+    }
+    assert packed == {task: CHECKPOINT + task.encode() for task in TASK_NAMES}
+
+
+@pytest.mark.parametrize("change", ["swap", "remove"])
+def test_a_directory_that_was_changed_since_is_refused(per_task, change):
+    one, other = Path("policies/opening.safetensors"), Path("policies/pushing.safetensors")
+    content = other.read_bytes()
+    other.unlink()
+    if change == "swap":
+        other.write_bytes(one.read_bytes())
+        one.write_bytes(content)
+    with pytest.raises(UsageError, match="has changed"):
+        submit([per_task], **ABOUT)
+    assert not Path("submissions").exists()
+
+
+def test_checkpoints_that_are_not_those_of_the_evaluated_directory_are_a_problem(per_task):
+    submit([per_task], **ABOUT)
+    file = Path("submissions/hac/submission.toml")
+    document = tomllib.loads(file.read_text())
+    one, other, *_ = document["seeds"][0]["checkpoints"]
+    one["sha256"], other["sha256"] = other["sha256"], one["sha256"]
+    paths = [file.parent / each["path"] for each in (one, other)]
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, reversed(contents), strict=True):
+        path.write_bytes(content)
+    file.write_text(write_toml(document))
+    (problem,) = validate(file.parent).problems
+    assert "is not the checkpoints" in str(problem)
+
+
 @pytest.mark.parametrize("include", [True, False])
 def test_a_checkpoint_that_is_not_there_or_not_included_is_named_by_its_digest(
     evaluated, include, capsys
@@ -130,8 +185,10 @@ def test_an_unofficial_run_is_refused(scripted, tmp_path):
     ],
 )
 def test_mistakes_are_told_and_nothing_is_written(evaluated, runs, options, words):
-    write_run("reports/novel", suite="novel-shapes")
-    write_run("reports/odd-name", "my policy.safetensors")
+    if runs == ("reports/novel",):
+        write_run("reports/novel", suite="novel-shapes")
+    if runs == ("reports/odd-name",):
+        write_run("reports/odd-name", "my policy.safetensors")
     with pytest.raises(UsageError, match=words):
         submit(list(map(Path, runs)), **{**ABOUT, **options})
     assert not Path("submissions").exists()

@@ -3,6 +3,7 @@ import shutil
 import socket
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.commands.command import run
@@ -42,24 +43,29 @@ def test_an_edited_run_is_named_with_exit_1(copy):
     assert "is not verified" in plain.out
 
 
-def test_a_run_is_verified_without_its_checkpoint_but_not_run_again(tmp_path):
+def test_a_run_is_verified_without_its_checkpoint_and_run_again_with_it_alone(tmp_path):
     from minitouch_bench.policies.native import save_native
     from minitouch_bench.policies.networks import TouchActor
 
     policy = tmp_path / "policy.safetensors"
     save_native(TouchActor(action_size=4), policy)
-    done = run("evaluate", policy, *ONE, "--output", "run", directory=tmp_path)
+    both = ("evaluate", policy, "--exploration", policy)
+    done = run(*both, *ONE, "--output", "run", directory=tmp_path)
     assert done.code == 0, done.err
+    with np.load(tmp_path / "run" / "actions.npz") as actions:  # the one samples, the other not
+        first, sampled = actions["pushing/0"], actions["exploration/pushing/0"]
+    assert not np.array_equal(first[0], sampled[0])
     moved = policy.rename(tmp_path / "moved.safetensors")
     assert run("verify", "run", directory=tmp_path).code == 0
     run("verify", "run", "--policy", moved, directory=tmp_path).refused(2, "need --rerun N")
     run("verify", "run", "--rerun", 1, directory=tmp_path).refused(5, "is gone", "--policy")
-    again = run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path)
+    here = ("--policy", moved, "--exploration", moved)
+    again = run("verify", "run", "--rerun", 1, *here, directory=tmp_path)
     assert again.code == 0, again.err
+    assert "2 episodes run again with the checkpoint" in again.out
     save_native(TouchActor(action_size=4), moved)
-    run("verify", "run", "--rerun", 1, "--policy", moved, directory=tmp_path).refused(
-        2, "is not the policy of this run"
-    )
+    other = run("verify", "run", "--rerun", 1, *here, directory=tmp_path)
+    other.refused(2, "is not the policy of this run")
 
 
 def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_path):

@@ -26,11 +26,6 @@ def test_every_page_of_the_site_is_in_its_navigation():
     assert {page for page in pages if not page.startswith("studies/")} == set(named)
 
 
-@pytest.mark.parametrize(("heading", "anchor"), [("What is `x`?", "what-is-x"), ("A, b", "a-b")])
-def test_an_anchor_is_its_heading(heading, anchor):
-    assert slug(heading) == anchor
-
-
 def links(page):
     return LINK.findall(CODE.sub("", page.read_text(encoding="utf-8")))
 

@@ -63,6 +63,13 @@ class Hopeless(Still):
             raise ValueError("nothing learned")
 
 
+class Untaught(Still):
+    """Can be loaded and reset, and fails at its first step."""
+
+    def act(self, observation):
+        raise ValueError(f"nothing learned of {self.task}")
+
+
 class ReadsItsRun(Still):
     """Reads what the run knows of earlier episodes; it lies in the working directory."""
 

@@ -64,6 +64,7 @@ def test_a_trace_has_one_row_a_step(environment):
     assert again.trace.digest() == trace.digest()
 
 
+@pytest.mark.parametrize("environment", ["pushing"], indirect=True)
 @pytest.mark.parametrize(
     "error", [InvalidActionError("the action holds NaN"), PolicyTimeoutError("late")]
 )
@@ -76,6 +77,7 @@ def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
     assert len(record.trace.touch) == 4
 
 
+@pytest.mark.parametrize("environment", ["pushing"], indirect=True)
 def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
     spec = SPECS[environment.task.spec.name]
     record = run_episode(

@@ -8,6 +8,7 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+import pytest
 import websocket
 
 CHROMIUM = shutil.which("chromium")
@@ -72,9 +73,14 @@ class Browser:
             self.requests.append(message["params"]["request"]["url"])
 
     def open(self, page: Path, fragment: str = "") -> None:
-        """Open a file and wait until it is there."""
-        self.call("Page.navigate", url=page.as_uri() + fragment)
+        """Open a file and wait until it is there, what was said of the page before forgotten."""
         deadline = time.monotonic() + 60
+        self.call("Page.navigate", url="about:blank")
+        while self.run("location.href") != "about:blank":
+            assert time.monotonic() < deadline
+        self.messages.clear()
+        self.requests.clear()
+        self.call("Page.navigate", url=page.as_uri() + fragment)
         while self.run("document.readyState") != "complete" or self.run("location.href") == (
             "about:blank"
         ):
@@ -132,3 +138,18 @@ class Browser:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(15)
+
+
+@pytest.fixture(scope="module")
+def started_browser(tmp_path_factory):
+    if CHROMIUM is None:
+        pytest.skip("needs a browser: apt-get install chromium")
+    opened = Browser(tmp_path_factory.mktemp("profile"))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def browser(started_browser):
+    started_browser.screen(1280, 900)
+    return started_browser

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.metrics import intervals
+from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 from tests.leaderboard.synthetic import make_submission
 
 

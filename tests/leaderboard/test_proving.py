@@ -1,13 +1,15 @@
 """Proving a submission: real episodes in the simulator, a few of them."""
 
 import dataclasses
+import hashlib
 import json
 import shutil
 
 import numpy as np
 import pytest
+import torch
 
-from minitouch_bench.episode import Outcome
+from minitouch_bench.episode import Outcome, Role
 from minitouch_bench.errors import IncompleteCheckError, IsolationError
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
@@ -24,8 +26,15 @@ from minitouch_bench.leaderboard.proof import (
     read_proof,
 )
 from minitouch_bench.leaderboard.proving import Prover, prove
-from minitouch_bench.leaderboard.submission import Submission, TrainingSeed
+from minitouch_bench.leaderboard.submission import (
+    CheckpointFile,
+    Submission,
+    TrainingSeed,
+    checkpoint_place,
+)
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run, run_json
 from tests.altered import edit_actions, edit_document
 from tests.evaluation.runs import request, run
@@ -149,6 +158,42 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(found):
     assert "checkpoint of seed 0 is not in the submission" in str(done.error)
     assert not done.passed
     assert find_proof(found.directory, found.files).level is REPLAYED
+
+
+@pytest.fixture
+def per_task(tmp_path):
+    """A submission of a directory, one checkpoint per task, with a run of two short episodes."""
+    folder = tmp_path / "submissions" / "hac" / "checkpoints" / "seed-0" / "final"
+    folder.mkdir(parents=True)
+    files = []
+    for seed, task in enumerate(("opening", "pushing")):
+        torch.manual_seed(seed)
+        save_native(TouchActor(action_size=4), folder / f"{task}.safetensors")
+        name = f"{task}.safetensors"
+        digest = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        place = checkpoint_place(0, Role.FINAL, name)
+        files.append(CheckpointFile(Role.FINAL, task, name, digest, place))
+    done = run(request(str(folder), ("opening", "pushing"), 1), tmp_path / "run")
+    return SubmissionFindings(
+        directory=tmp_path / "submissions" / "hac",
+        submission=Submission(seeds=(TrainingSeed(0, {"table4": PLACE}, tuple(files)),)),
+        runs={PLACE: done},
+        files={},
+    )
+
+
+def test_each_checkpoint_of_a_directory_is_run_again_in_its_own_task(per_task):
+    played = []
+    checking = dataclasses.replace(prover(per_task), on_record=played.append)
+    checking.run_again(2)
+    assert not checking.problems
+    assert {record.spec.task for record in played} == {"opening", "pushing"}
+    (seed,) = per_task.submission.seeds
+    paths = [per_task.directory / file.path for file in seed.checkpoints]
+    paths[0].write_bytes(paths[1].read_bytes())
+    checking = prover(per_task)
+    checking.run_again(2)
+    assert "is not the policy of this run" in str(*checking.problems)
 
 
 @pytest.mark.parametrize("kind", ["remote", "factory"])

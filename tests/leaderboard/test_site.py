@@ -8,20 +8,15 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES
 from minitouch_bench.leaderboard.ranking import RANKED_BY
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.reporting.labels import PAPER_METHODS
 from tests.altered import edit_document
-from tests.leaderboard.browser import CHROMIUM, Browser
+from tests.leaderboard.browser import Browser
 from tests.leaderboard.synthetic import ABOUT, make_submission, prove_as
 from tests.leaderboard.synthetic import VIDEO as MP4
 from tests.reporting.html_page import Page
 
-needs_browser = pytest.mark.skipif(
-    CHROMIUM is None, reason="needs a browser: apt-get install chromium"
-)
 ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 
@@ -48,14 +43,6 @@ def board(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def browser(tmp_path):
-    opened = Browser(tmp_path / "profile")
-    opened.screen(1280, 900)
-    yield opened
-    opened.close()
-
-
-@pytest.fixture
 def index(browser, board):
     browser.open(board / "index.html")
     return browser
@@ -73,7 +60,6 @@ def text(browser: Browser, selector: str) -> str:
 # In a browser
 
 
-@needs_browser
 def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, board):
     browser.open(board / "index.html")
     assert names(browser) == ["hac", "seeds", "touch", "vision"]
@@ -85,7 +71,6 @@ def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, boa
     ]
 
 
-@needs_browser
 def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     training = "#overall th:nth-last-child(2)"
     index.click(f"{training} .sort")
@@ -99,7 +84,6 @@ def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     assert names(index) == ["hac", "seeds", "touch", "vision"]
 
 
-@needs_browser
 def test_rows_are_filtered_by_modality_proof_and_words(index):
     index.click("input[value=touch]")
     assert names(index) == ["hac", "seeds", "touch"]
@@ -122,7 +106,6 @@ def test_rows_are_filtered_by_modality_proof_and_words(index):
     assert names(index) == ["touch"]
 
 
-@needs_browser
 def test_the_address_keeps_the_view_and_the_filters(browser, board):
     browser.open(board / "index.html")
     browser.click("#tab-pushing")
@@ -139,7 +122,6 @@ def test_the_address_keeps_the_view_and_the_filters(browser, board):
     assert text(browser, ".count") == "1 of 4 ranked submissions"
 
 
-@needs_browser
 @pytest.mark.parametrize("page", ["index.html", "submission/hac.html", "submission/seeds.html"])
 def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
     cut = "[...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth).length"
@@ -152,7 +134,6 @@ def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
         assert browser.run("document.querySelector('.scroll').scrollWidth") >= 300
 
 
-@needs_browser
 def test_the_policy_of_the_page_stops_an_injected_script(browser, board):
     browser.open(board / "index.html")
     browser.run(
@@ -183,37 +164,12 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
     assert "unsafe" not in policy
 
 
-def test_calibration_and_paper_are_marked_and_never_ranked(board):
-    page = (board / "index.html").read_text()
-    overall = page[page.index('id="overall"') : page.index('id="pushing"')]
-    unranked, reference = overall.split('class="reference')[1:]
-    assert ">server</" in unranked
-    for name in (*CALIBRATION_POLICIES, *PAPER_METHODS):
-        assert f">{name}</" in reference
-    assert reference.count('class="rank">—') == len((*CALIBRATION_POLICIES, *PAPER_METHODS))
-
-
-def test_a_page_tells_all_of_a_submission(board):
+def test_a_page_tells_the_limits_and_faults_of_a_submission(board):
     page = (board / "submission" / "hac.html").read_text()
-    for words in (
-        "verified",
-        "1234",
-        "Episode variance only (one training seed)",
-        "the action contains NaN or infinity",
-        "Novel shapes",
-        "https://example.org/paper",
-        'src="hac/seed-0-table4-pushing-0.mp4"',
-        "seed-0/table4, pushing/0: policy fault, 0 control steps",
-    ):
-        assert words in page, words
+    assert "Episode variance only (one training seed)" in page
+    assert "the action contains NaN or infinity" in page
     for name in ("leaderboard.md", "index.html", "submission/server.html"):
         assert "remote" in (board / name).read_text(), name
-    for name, words in (
-        ("seeds", "2 seeds"),
-        ("server", "cannot run it in the sandbox"),
-        ("random", "calibration row"),
-    ):
-        assert words in (board / "submission" / f"{name}.html").read_text()
 
 
 def test_every_rank_is_explained(board):
@@ -298,9 +254,3 @@ def test_what_an_earlier_board_wrote_is_removed_and_nothing_else(built):
     assert {path.name for path in folder.parent.iterdir()} == {"gone"}
     left = {path.name for path in folder.iterdir()}
     assert left == {"mine", "seed-1-table4-pushing-0.mp4", "notes.txt"}
-
-
-def test_a_board_without_a_submission_says_so(built):
-    page = (built / "board/index.html").read_text()
-    assert "No ranked submission yet" in page
-    assert page.count("not submitted yet") >= 3

@@ -2,6 +2,7 @@ import contextlib
 import http.client
 import json
 import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.process import isolate
-from minitouch_bench.policies.server import PolicyServer
+from minitouch_bench.policies.server import MAX_EPISODES, PolicyServer, RequestError
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES
 from tests.policies.recipes import run_recipes
@@ -34,14 +35,21 @@ class Echo:
         return np.array([*numbers, float(self.deterministic)], np.float32)
 
 
-@pytest.fixture
-def server():
-    with PolicyServer(Echo, ("127.0.0.1", 0), "echo") as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
+@contextlib.contextmanager
+def serving(server):
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
         yield server
+    finally:
         server.shutdown()
         thread.join()
+
+
+@pytest.fixture
+def server():
+    with PolicyServer(Echo, ("127.0.0.1", 0), "echo") as server, serving(server):
+        yield server
 
 
 @pytest.fixture
@@ -118,6 +126,61 @@ def test_a_short_observation_is_refused(connect):
     policy.reset(1, "pushing")
     with pytest.raises(PolicyFaultError, match=r"400.*bytes"):
         policy._call("POST", f"/episodes/{policy._episode}/act", b"short")
+
+
+def test_beyond_the_most_open_episodes_the_oldest_is_dropped(server):
+    question = b'{"seed": 1, "task": "pushing"}'
+    first, second, *_ = [server.begin(question) for _ in range(MAX_EPISODES + 1)]
+    assert server.act(second, bytes(OBSERVATION_BYTES))[2] == 1.0
+    with pytest.raises(RequestError, match="no episode"):
+        server.act(first, bytes(OBSERVATION_BYTES))
+
+
+class Stranger(BaseHTTPRequestHandler):
+    """Give the server's ``answers`` by the last part of the address."""
+
+    protocol_version = "HTTP/1.1"
+    log_message = print
+
+    def do_GET(self):
+        self.rfile.read(int(self.headers.get("Content-Length") or 0))
+        last = self.path.rpartition("/")[2]
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(self.server.answers[last])))
+        self.send_header("Connection", "close" if last == "info" else "keep-alive")
+        self.end_headers()
+        self.wfile.write(self.server.answers[last])
+
+    do_POST = do_GET  # noqa: N815
+
+
+USUAL = {"info": b'{"protocol": 1}', "episodes": b'{"episode": 7}', "act": b'{"action": [0, 1.5]}'}
+
+
+@pytest.mark.parametrize(
+    ("odd", "error", "word"),
+    [
+        ({"info": b'{"protocol": 2}'}, PolicyLoadError, "protocol 1"),
+        ({"info": b"hello"}, PolicyLoadError, "JSON"),
+        ({"episodes": b"{}"}, PolicyFaultError, "'episode'"),
+        ({"act": b"{}"}, PolicyFaultError, "'action'"),
+        ({"act": b'{"action": [true, false]}'}, PolicyFaultError, "numbers"),
+        ({"act": b'{"action": [0, "1"]}'}, PolicyFaultError, "numbers"),
+        ({"act": b"no json"}, PolicyFaultError, "JSON"),
+        ({"act": b"[" * 60_000}, PolicyFaultError, "JSON"),
+        ({"act": USUAL["act"].ljust(2**16 + 1)}, PolicyFaultError, "64 KiB"),
+        ({"act": USUAL["act"].ljust(2**16)}, None, ""),
+    ],
+)
+def test_an_odd_answer_of_a_server_is_named(odd, error, word, observation):
+    with HTTPServer(("127.0.0.1", 0), Stranger) as server, serving(server):
+        server.answers = {**USUAL, **odd}
+        url = f"http://127.0.0.1:{server.server_address[1]}"
+        with pytest.raises(error, match=word) if error else contextlib.nullcontext():
+            policy = load_policy(PolicySource("remote", "x", url))
+            with contextlib.closing(policy._connection):
+                policy.reset(1, "pushing")
+                assert policy.act(observation).tolist() == [0.0, 1.5]
 
 
 def test_nobody_there_is_a_load_error():

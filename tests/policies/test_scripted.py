@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.policies.policy import load_policy
-from minitouch_bench.policies.scripted import CONTROLLERS, ScriptedPolicy, make_controller
+from minitouch_bench.policies.scripted import ScriptedPolicy, make_controller
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.plan import make_plan
@@ -42,10 +42,6 @@ def touch_share(record):
     return (record.trace.contact_ticks > 0).mean()
 
 
-def test_every_task_has_its_controller():
-    assert tuple(CONTROLLERS) == tuple(TASK_CLASSES)
-
-
 @pytest.mark.parametrize("task", TASK_CLASSES)
 def test_actions_are_those_a_policy_could_give(task):
     environment = MiniTouchEnv(task)
@@ -58,11 +54,6 @@ def test_actions_are_those_a_policy_could_give(task):
         assert not info["clipped"]
         assert info["action"].dtype == np.float32
     environment.close()
-
-
-@pytest.mark.parametrize("task", GOAL_TASKS)
-def test_a_few_episodes_of_each_goal_succeed(task):
-    assert share(episodes(task, 5), succeeds) == 1.0
 
 
 def test_a_few_episodes_of_playing_are_full_of_touch():

@@ -1,6 +1,7 @@
 import pytest
 
 from minitouch_bench.runs.run import Run
+from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, save, with_shapes
 
 

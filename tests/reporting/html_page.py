@@ -1,7 +1,6 @@
 """A page of HTML as its tags and attributes; tags must be closed in their order."""
 
 from html.parser import HTMLParser
-from xml.etree import ElementTree
 
 VOID = frozenset({"meta", "link", "img", "br", "wbr", "input"})
 
@@ -24,12 +23,3 @@ class Page(HTMLParser):
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag, tag
-
-
-def table_texts(fragment: str) -> list[list[list[str]]]:
-    """Return the tables of what a notebook shows: rows of cells, the heads first."""
-    root = ElementTree.fromstring(f"<div>{fragment}</div>")
-    return [
-        [["".join(cell.itertext()) for cell in row] for row in table.iter("tr")]
-        for table in root.iter("table")
-    ]

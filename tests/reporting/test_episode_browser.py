@@ -5,12 +5,8 @@ import time
 import pytest
 
 from minitouch_bench.reporting.report import build_report, write_page
-from tests.leaderboard.browser import CHROMIUM, Browser
 from tests.reporting.synthetic import make_run, write
 
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="needs a browser: apt-get install chromium"
-)
 CELLS = "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[{}].textContent)"
 
 
@@ -24,14 +20,6 @@ def pages(tmp_path_factory):
     write_page(build_report(runs[:1], directory=root / "hac"), root / "hac")
     write_page(build_report(runs, directory=root / "comparison"), root / "comparison")
     return root
-
-
-@pytest.fixture
-def browser(tmp_path):
-    opened = Browser(tmp_path / "profile")
-    opened.screen(1280, 900)
-    yield opened
-    opened.close()
 
 
 def choose(browser, name, value):

@@ -29,19 +29,9 @@ def test_histograms_stack_to_100_percent_on_one_axis():
     assert bars(first)[-1].left > 200
 
 
-def test_the_figures_name_their_units_and_the_paper_is_never_on_an_axis_of_touch(hac):
+def test_the_paper_is_never_on_an_axis_of_touch(hac):
     forces = {"pushing": [ForceStep(20, 0.98, 1.0, 7.5), ForceStep(1, 2.0, 2.0, 2.0)]}
-    figures = report_figures(*parts(hac), [forces])
-    axes = [figure.plots[0].charts[0] for figure in figures]
-    assert [(chart.x.label, chart.y.label) for chart in axes] == [
-        ("Success, share of episodes", ""),
-        ("Control steps", "Episodes, %"),
-        ("Control steps", "Ticks per step"),
-        ("Control steps", "Force, N"),
-    ]
-    assert [item.text for item in figures[1].legend][-1] == "policy fault"
-    assert "never touched by a finger" not in [item.text for item in figures[1].legend]
-    rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in figures[0].plots}
+    first, *_ = report_figures(*parts(hac), [forces])
+    rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in first.plots}
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
-    assert figures[2].legend == ()  # one run

@@ -141,11 +141,8 @@ def test_hostile_text_is_only_text_in_every_form(hostile):
         }
 
 
-def test_latex_has_a_block_per_task(hac, scripted):
+def test_every_row_of_the_latex_has_as_many_columns(hac, scripted):
     source = table4_latex(build_report([hac, scripted]))
-    assert source.count(r"\midrule") == 4
-    assert r"\multicolumn{6}{l}{\textbf{Pick-up}}" in source
-    assert r"247.79\textdagger{}" in source
     lines = [line for line in source.splitlines() if " & " in line]
     assert {len(re.split(r"(?<!\\)&", line)) for line in lines} == {6}
     bare = replace(hac, summary=replace(hac.summary, tasks=()))

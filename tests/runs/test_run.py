@@ -12,8 +12,7 @@ import pytest
 from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.runs.run import parse_run, read_run, run_json
-from tests.reporting.html_page import table_texts
-from tests.reporting.synthetic import SHAPE_TASKS, make_run, measured, save, with_shapes, write
+from tests.reporting.synthetic import SHAPE_TASKS, make_run, measured, with_shapes, write
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "run.schema.json"
 VALIDATOR = jsonschema.Draft202012Validator(run_schema())
@@ -147,19 +146,3 @@ def test_what_is_not_there_or_cannot_be_written_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
         write(make_run(tasks=("playing",), episodes=1), tmp_path / "file" / "run")
-
-
-def test_a_notebook_shows_estimates_with_intervals_and_outcomes_in_words():
-    run = save(make_run("hac-seed1", episodes=20))
-    [[heads, *rows]] = table_texts(run._repr_html_())
-    assert heads == ["", "unit", *run.tasks]
-    found = run["pushing"].success
-    written = f"{found.value:.3f} [{found.low:.3f}, {found.high:.3f}]"
-    success = {row[0]: dict(zip(heads, row, strict=True)) for row in rows}["Success ↑"]
-    assert (success["pushing"], success["playing"]) == (written, "—")
-    [[_, *rows]] = table_texts(run["pushing"]._repr_html_())
-    assert ["Success ↑", "share of episodes", written] in rows
-    assert len(rows) == len(run["pushing"].estimates) + 1
-    counts = {outcome: count for outcome, count in run["pushing"].outcomes.items() if count}
-    words = ", ".join(f"{outcome.replace('_', ' ')} {n}" for outcome, n in counts.items())
-    assert rows[-1] == ["Outcomes", "episodes", words]

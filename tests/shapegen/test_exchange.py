@@ -92,14 +92,14 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = ("mug.obj", "mug.stl", "mug (1).obj", "a/b.obj", "a-b.obj")
-    (tmp_path / "a").mkdir()
+    given, folder = tmp_path / "given", tmp_path / "named"
+    (given / "a").mkdir(parents=True)
     for file in files:
-        block().export(str(tmp_path / file))
-    once = import_one((tmp_path / files[0], ImportConfig()))  # all hold the same block
+        block().export(str(given / file))
+    once = import_one((given / files[0], ImportConfig()))  # all hold the same block
     answers = enumerate([once] * len(files))
     monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: answers)
-    folder = tmp_path.parent / "named"
-    result = import_objects(tmp_path, folder, ImportConfig())
+    result = import_objects(given, folder, ImportConfig())
     assert result.accepted == len(files)
     names = {entry["source"]: entry["name"] for entry in load_shape_set(folder).document["shapes"]}
     assert names.keys() == set(files)
@@ -109,21 +109,21 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
 
 
 def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
-    good = block()
-    good.export(str(tmp_path / "good.stl"))
-    (tmp_path / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
-    (tmp_path / "text.obj").write_text("Dear reader,\nthis is a letter.\n")
-    (tmp_path / "empty.stl").touch()
-    with (tmp_path / "huge.stl").open("wb") as file:
+    given, folder = tmp_path / "given", tmp_path / "out"
+    given.mkdir()
+    block().export(str(given / "good.stl"))
+    (given / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
+    (given / "text.obj").write_text("Dear reader,\nthis is a letter.\n")
+    (given / "empty.stl").touch()
+    with (given / "huge.stl").open("wb") as file:
         file.truncate(500_000_084)  # ten million faces
-    (tmp_path / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
+    (given / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
     urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
     urdf += "</collision></link></robot>"
-    (tmp_path / "single.urdf").write_text(urdf % ("gone.stl", "0.001"))
-    (tmp_path / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
-    (tmp_path / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
-    folder = tmp_path.parent / "out"
-    result = import_objects(tmp_path, folder, ImportConfig())
+    (given / "single.urdf").write_text(urdf % ("gone.stl", "0.001"))
+    (given / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
+    (given / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
+    result = import_objects(given, folder, ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
         "nan.obj", "text.obj", "empty.stl", "huge.stl", "bomb.urdf", "single.urdf", "outer.urdf",
@@ -135,7 +135,7 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     assert shapes.shapes[0].name == "good"
     assert shapes.document["refused"] == result.refused
     with pytest.raises(RunDirectoryError, match="already"):
-        import_objects(tmp_path, folder, ImportConfig())
+        import_objects(given, folder, ImportConfig())
 
 
 def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Path) -> None:

@@ -38,15 +38,6 @@ def test_the_canonical_bytes_are_the_manifests() -> None:
         assert len(shape.poses) >= 2
 
 
-def test_files_are_written_once_and_kept() -> None:
-    shape = canonical_shape_set().shapes[0]
-    first = shape.urdf
-    written = first.stat().st_mtime_ns
-    assert shape.urdf == first
-    assert first.is_absolute()
-    assert first.stat().st_mtime_ns == written
-
-
 @pytest.mark.parametrize("ending", [".urdf", "-collision.obj", "-visual.obj"])
 def test_a_damaged_cached_file_is_never_used(ending: str) -> None:
     shape = canonical_shape_set().shapes[3]

@@ -15,7 +15,6 @@ from minitouch_bench.simulation.bodies import (
     cabinet_urdf,
     cube_urdf,
 )
-from minitouch_bench.simulation.client import PhysicsClient
 
 TABLE_TOP_M = PROTOCOL.physics.table_top
 
@@ -95,15 +94,3 @@ def test_the_committed_panda_is_made_from_the_installed_panda(tmp_path):
         write(tmp_path / committed.name)
         made = {path.name: path.read_bytes() for path in (tmp_path / committed.name).iterdir()}
         assert made == {path.name: path.read_bytes() for path in committed.iterdir()}
-
-
-def test_the_urdf_has_the_protocol_s_fingers_and_colors():
-    text = PANDA.read_text()
-    assert text.count(f'<stiffness value="{PROTOCOL.physics.finger_stiffness}"') == 2
-    assert text.count(f'<damping value="{PROTOCOL.physics.finger_damping}"') == 2
-    client = PhysicsClient()
-    body = client.load_urdf(PANDA, fixed=True)
-    colors = set(client.colors().values())
-    client.close()
-    assert body == 0
-    assert len(colors) == 2

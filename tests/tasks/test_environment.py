@@ -124,16 +124,6 @@ def test_the_registration_tells_limit_and_metadata(environment):
     assert load_env_creator(spec.entry_point).metadata == MiniTouchEnv.metadata
 
 
-def test_vector_environments_stack_info():
-    vector = gymnasium.make_vec("minitouch_bench:MiniTouch/Playing-v1", num_envs=2)
-    _, info = vector.reset(seed=1)
-    assert info["ticks"].tolist() == [0, 0]
-    *_, info = vector.step(vector.action_space.sample())
-    assert info["is_success"].dtype == bool
-    assert info["object_state"].shape == (2, 3)
-    vector.close()
-
-
 # One seed and the same actions: the same bits, whatever else happens
 
 
@@ -173,8 +163,10 @@ def test_vector_environments_give_the_same_as_single_ones(mode, environments):
     )
     observed, _ = vector.reset(seed=[11, 12])
     actions = random_actions(environments["pushing"], 0, 2)
-    stepped, *_ = vector.step(actions)
+    stepped, *_, info = vector.step(actions)
     vector.close()
+    assert info["is_success"].dtype == bool
+    assert info["object_state"].shape == (2, 3)
     single = environments["pushing"]
     for row, seed in enumerate((11, 12)):
         first, _ = single.reset(seed=seed)
@@ -198,13 +190,13 @@ def test_an_unseeded_reset_goes_on_from_the_last_seed(environments):
 # Actions
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_an_action_that_is_no_number_never_reaches_the_simulator(environment, value):
+def test_an_action_that_is_no_number_never_reaches_the_simulator(environment):
     environment.reset(seed=2)
-    bad = zero(environment)
-    bad[-1] = value
-    with pytest.raises(InvalidActionError, match="NaN or infinity"):
-        environment.step(bad)
+    for value in (np.nan, np.inf, -np.inf):
+        bad = zero(environment)
+        bad[-1] = value
+        with pytest.raises(InvalidActionError, match="NaN or infinity"):
+            environment.step(bad)
     seen = [environment.step(action)[0] for action in random_actions(environment, 2, 3)]
     environment.reset(seed=2)
     for before, action in zip(seen, random_actions(environment, 2, 3), strict=True):

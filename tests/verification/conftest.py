@@ -11,6 +11,7 @@ from minitouch_bench.runs.run import run_json
 from minitouch_bench.verification.replay_check import replay_run
 from minitouch_bench.verification.static_check import Findings, check_run
 from tests.evaluation.runs import request, run
+from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 
 WANTED = request("scripted", ("pushing", "opening"), 2, exploration="scripted")
 

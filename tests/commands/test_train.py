@@ -1,0 +1,54 @@
+"""What the options of ``train`` change; no training is run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.agents import training_directory
+from minitouch_bench.agents.config import make_config
+from tests.commands.command import run
+
+
+@pytest.fixture
+def train(tmp_path, monkeypatch):
+    """Return a function that gives the command options, and what it then would train and where."""
+    asked = []
+
+    def run_training(config, directory, **how):
+        asked.append((config, directory, how))
+        return True
+
+    monkeypatch.setattr(training_directory, "run_training", run_training)
+
+    def train(*options):
+        done = run("train", *options, directory=tmp_path)
+        assert done.code == 0, done.err
+        return asked.pop()
+
+    return train
+
+
+def test_each_option_changes_its_own_setting_alone(train):
+    base = make_config("pushing")
+    steps = {"exploration": replace(base.exploration, steps=70)}
+    for option, text, change in (
+        ("--method", "rnd", {"method": "rnd"}),
+        ("--seed", 3, {"seed": 3}),
+        ("--exploration-steps", 70, steps),
+        ("--task-steps", 0, {"task_phase": replace(base.task_phase, steps=0)}),
+        ("--objects", "held-out", {"objects": "held-out"}),
+        ("--without", "forces,vision", {"without": ("forces", "vision")}),
+        ("--from-log", "log", {"dataset": "log"}),
+    ):
+        assert replace(base, **change) != base
+        assert train("pushing", option, text)[0] == replace(base, **change), option
+
+
+def test_an_option_counts_more_than_a_file_and_names_the_directory(train, tmp_path):
+    (tmp_path / "file.toml").write_text('seed = 5\nmethod = "rnd"\n')
+    options = ("--config", "file.toml", "--seed", 0, "--without", "forces", "--device", "cpu")
+    config, directory, how = train("opening", *options, "--resume")
+    assert config == make_config("opening", settings={"method": "rnd", "without": ["forces"]})
+    assert directory == Path("reports/training/opening-rnd-no-forces-0")
+    assert (how["device"], how["resume"], how["fresh"]) == ("cpu", True, False)
