@@ -41,7 +41,7 @@ def collect(cells: Sequence[Cell], grid: Path, place: Path) -> tuple[Path, Path]
     return final, exploration
 
 
-def join_runs(header: RunHeader, runs: Mapping[str, mt.Run], directory: Path) -> mt.Run:
+def join_runs(header: RunHeader, runs: Mapping[str, mt.Run], directory: Path) -> None:
     """Join runs of one task each, by task, to the run of ``header``, and write its facts.
 
     Raises:
@@ -75,7 +75,6 @@ def join_runs(header: RunHeader, runs: Mapping[str, mt.Run], directory: Path) ->
     in_order = {spec.key: actions[spec.key] for spec in header.specs() if spec.key in actions}
     write_file(directory / ACTIONS_FILE, pack_arrays(in_order))
     write_file(directory / RUN_FILE, run_json(joined))
-    return joined
 
 
 def join_arm(design_file: Path, grid: Path, arm: str) -> bool:
@@ -95,7 +94,8 @@ def join_arm(design_file: Path, grid: Path, arm: str) -> bool:
             str(final), make_plan(MAIN_SUITE), exploration=str(exploration), name=arm
         )
         runs = {cell.task: mt.load_run(grid / cell.name / MAIN_SUITE) for cell in cells}
-        print(join_runs(header_of(setup), runs, place / MAIN_SUITE).directory)
+        join_runs(header_of(setup), runs, place / MAIN_SUITE)
+        print(place / MAIN_SUITE)
     return is_complete
 
 
