@@ -35,7 +35,7 @@ from tests.leaderboard.synthetic import make_submission
 
 BOTH = ("table4", "novel-shapes")
 STORED = Path(__file__).parents[2] / "submissions"
-STORED_RUNS = [STORED / name / "seed-0" / "table4" for name in ("hac", "scripted")]
+STORED_RUNS = [STORED / run / "table4" for run in ("hac/seed-20", "scripted/seed-0")]
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,14 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.filming import film_episode, film_run
 
-HAC = Path("submissions/hac/seed-0/table4")
+HAC = Path("submissions/hac/seed-20/table4")
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """A pick-up of six steps."""
-    path = tmp_path_factory.mktemp("viewer") / "pick-up-1.html"
-    return read_run(HAC).replay("pick-up/1").save(path)
+    path = tmp_path_factory.mktemp("viewer") / "pick-up-2.html"
+    return read_run(HAC).replay("pick-up/2").save(path)
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_an_episode_is_stepped_through_played_and_scrubbed(viewer):
 
 def test_the_policy_s_image_is_shown_as_it_was_given(viewer):
     run = read_run(HAC)
-    spec, _ = run.find("pick-up/1")
+    spec, _ = run.find("pick-up/2")
     film = film_episode(Recording.of(run, [spec]), spec, (24, 24))
     assert film.scenes.shape == (7, 24, 24, 3)
     assert film.images.shape == (6, 84, 84)
@@ -76,7 +76,7 @@ def test_the_page_fits_a_phone(viewer):
 
 def test_the_weight_of_a_finger_is_felt_in_free_air():
     run = read_run(HAC)
-    for key, axis in (("pick-up/1", 2), ("opening/0", 0)):
+    for key, axis in (("pick-up/2", 2), ("opening/0", 0)):
         spec, _ = run.find(key)
         trace = film_episode(Recording.of(run, [spec]), spec, (8, 8)).played.trace
         forces = trace.touch[1, 5:].reshape(2, 3)
@@ -86,7 +86,7 @@ def test_the_weight_of_a_finger_is_felt_in_free_air():
 
 def test_a_policy_without_vision_is_shown_the_image_that_it_was_given():
     run = read_run(HAC)
-    spec, _ = run.find("pick-up/1")
+    spec, _ = run.find("pick-up/2")
     plan = replace(run.plan, conditions=Perturbation(without=("vision",)))
     blind = replace(Recording.of(run, [spec]), plan=plan)
     images = film_episode(blind, spec, (8, 8)).images
@@ -95,7 +95,7 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given():
 
 def test_the_image_before_a_fault_is_shown():
     run = read_run(HAC)
-    spec, _ = run.find("pick-up/1")
+    spec, _ = run.find("pick-up/2")
     recording = Recording.of(run, [spec])
     for count in (0, 2):
         broken_off = replace(recording, actions={spec: recording.actions[spec][:count]})
