@@ -208,6 +208,7 @@ class RemotePolicy:
         response = self._connection.getresponse()
         content = response.read(MAX_ANSWER + 1)
         if len(content) > MAX_ANSWER:
+            self._connection.close()  # the next request opens it again
             raise PolicyFaultError("the policy server's answer is longer than 64 KiB")
         try:
             answer = json.loads(content)

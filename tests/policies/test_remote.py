@@ -151,10 +151,11 @@ class Stranger(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(self.server.answers[last])
 
-    do_POST = do_GET  # noqa: N815
+    do_POST = do_DELETE = do_GET  # noqa: N815
 
 
 USUAL = {"info": b'{"protocol": 1}', "episodes": b'{"episode": 7}', "act": b'{"action": [0, 1.5]}'}
+USUAL["7"] = b"{}"  # the episode is ended
 
 
 @pytest.mark.parametrize(
@@ -168,7 +169,7 @@ USUAL = {"info": b'{"protocol": 1}', "episodes": b'{"episode": 7}', "act": b'{"a
         ({"act": b'{"action": [0, "1"]}'}, PolicyFaultError, "numbers"),
         ({"act": b"no json"}, PolicyFaultError, "JSON"),
         ({"act": b"[" * 60_000}, PolicyFaultError, "JSON"),
-        ({"act": USUAL["act"].ljust(2**16 + 1)}, PolicyFaultError, "64 KiB"),
+        ({"act": USUAL["act"].ljust(2**17)}, PolicyFaultError, "64 KiB"),
         ({"act": USUAL["act"].ljust(2**16)}, None, ""),
     ],
 )
@@ -178,7 +179,7 @@ def test_an_odd_answer_of_a_server_is_named(odd, error, word, observation):
         url = f"http://127.0.0.1:{server.server_address[1]}"
         with pytest.raises(error, match=word) if error else contextlib.nullcontext():
             policy = load_policy(PolicySource("remote", "x", url))
-            with contextlib.closing(policy._connection):
+            with contextlib.closing(policy):
                 policy.reset(1, "pushing")
                 assert policy.act(observation).tolist() == [0.0, 1.5]
 
