@@ -252,14 +252,18 @@ def run_grid(
     spawned = get_context("spawn")
     with ProcessPoolExecutor(workers, spawned, initializer=_end_with_parent) as pool:
         jobs = {pool.submit(finish_cell, design, cell, output): cell for cell in left}
-        for job in as_completed(jobs):
-            cell = jobs[job]
-            try:
-                add_rows(output, cell, job.result())
-                print(cell.name, file=sys.stderr)
-            except mt.MiniTouchError as error:
-                failed[cell] = str(error)
-                print(f"{cell.name} failed: {error}", file=sys.stderr)
+        try:
+            for job in as_completed(jobs):
+                cell = jobs[job]
+                try:
+                    add_rows(output, cell, job.result())
+                    print(cell.name, file=sys.stderr)
+                except mt.MiniTouchError as error:
+                    failed[cell] = str(error)
+                    print(f"{cell.name} failed: {error}", file=sys.stderr)
+        except KeyboardInterrupt:  # the cells under way end by it too; no other begins
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     return failed
 
 

@@ -98,6 +98,8 @@ def evaluate(
     """
     if output is None and (resume or fresh or video or replays):
         raise UsageError("resume, fresh, video and replays need a directory: give an output")
+    if progress and callbacks is not SILENT:
+        raise UsageError("progress shows what callbacks are told: give one of them")
     if video:
         require_video()
     opening = open_engine(engine, workers, address)
@@ -132,18 +134,18 @@ def evaluate(
         opened = open_run(header, directory, resume=resume, fresh=fresh)
         run = play(setup, opened, running, callbacks)
         if directory:
-            write_views(run, directory, files.list_videos(directory))
-        if directory and (video or replays):
             with resumable(directory):
-                film_run(
-                    run,
-                    directory,
-                    videos=video,
-                    replays=replays,
-                    workers=running.workers,
-                    callbacks=callbacks,
-                )
-            write_views(run, directory, files.list_videos(directory))
+                write_views(run, directory, files.list_videos(directory))
+                if video or replays:
+                    film_run(
+                        run,
+                        directory,
+                        videos=video,
+                        replays=replays,
+                        workers=running.workers,
+                        callbacks=callbacks,
+                    )
+                    write_views(run, directory, files.list_videos(directory))
     return run
 
 
@@ -208,6 +210,8 @@ def train(
     from minitouch_bench.agents.training import NO_CALLBACKS, TrainingCallbacks  # noqa: PLC0415
     from minitouch_bench.agents.training_directory import run_training  # noqa: PLC0415
 
+    if progress and callbacks is not None:
+        raise UsageError("progress shows what callbacks are told: give one of them")
     given = {
         "method": method,
         "seed": seed,

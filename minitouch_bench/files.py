@@ -133,8 +133,9 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     with os_errors_as(RunDirectoryError, directory, "written"):
         directory.mkdir(parents=True, exist_ok=True)
         handle = _lock(lock, wait=wait)
-        for partial in directory.glob(PARTIAL_PATTERN):
-            partial.unlink(missing_ok=True)
+        for place in filter(is_folder, (directory, directory / VIDEOS, directory / REPLAYS)):
+            for partial in place.glob(PARTIAL_PATTERN):
+                partial.unlink(missing_ok=True)
     try:
         yield
     finally:

@@ -154,12 +154,14 @@ def run_in_workers(
     ``name`` says in an error which job failed.
 
     Raises:
-        InfrastructureError: a job failed three times.
+        InfrastructureError: a job failed three times, or no worker can be started.
     """
     waiting = deque((index, 1) for index in range(len(jobs)))
-    pool = [_Worker(function) for _ in range(min(workers, len(jobs)))]
+    pool: list[_Worker[Job, Result]] = []
     try:
         while waiting or any(worker.task for worker in pool):
+            while len(pool) < min(workers, len(jobs)):
+                pool.append(_Worker(function))
             for worker in pool:
                 if worker.task is None and waiting:
                     worker.task = waiting.popleft()
@@ -177,8 +179,8 @@ def run_in_workers(
                     text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result.reason}"
                     raise InfrastructureError(text)
                 waiting.appendleft((index, attempt + 1))
+                pool.remove(worker)
                 worker.close()
-                pool[pool.index(worker)] = _Worker(function)
     finally:
         for worker in pool:
             worker.close()
@@ -196,6 +198,15 @@ class _Worker(Generic[Job, Result]):
     """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
 
     def __init__(self, function: Callable[[Job], Result]) -> None:
+        try:
+            self._start()
+        except OSError as error:  # too many files are open, or there is no memory
+            raise InfrastructureError(f"no worker can be started: {error}") from error
+        self.task: tuple[int, int] | None = None
+        self.send(sys.path)
+        self.send(cloudpickle.dumps(function))
+
+    def _start(self) -> None:
         self.connection, theirs = Pipe()
         command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
         with theirs, interrupts_held():
@@ -204,9 +215,6 @@ class _Worker(Generic[Job, Result]):
                 command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),), env=environment
             )
         self.sentinel = watch(self.process.pid)
-        self.task: tuple[int, int] | None = None
-        self.send(sys.path)
-        self.send(cloudpickle.dumps(function))
 
     def send(self, message: object) -> None:
         """Hand over a job; a worker that has died is found by its sentinel."""

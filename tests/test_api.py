@@ -13,7 +13,14 @@ import pytest
 import torch
 
 import minitouch_bench as mt
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.episode import Outcome
+from minitouch_bench.errors import (
+    InfrastructureError,
+    PolicyLoadError,
+    RunDirectoryError,
+    UsageError,
+)
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
@@ -212,6 +219,7 @@ def test_lists_and_workers_are_written_as_on_the_command_line(counted):
         ({"act_timeout": 1e300}, "86400"),
         ({"episodes": 10**6}, "episodes"),
         ({"workers": 0}, "number"),
+        ({"progress": True, "callbacks": Callbacks()}, "one of them"),
     ],
 )
 def test_wrong_options_are_refused(option, word):
@@ -248,6 +256,27 @@ def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "Episodes to resolve" in done.stdout
     assert (tmp_path / "reports" / "first" / "report.html").exists()
+
+
+def test_an_error_of_ours_that_a_policy_raises_is_its_fault():
+    class Planner(Counter):
+        def act(self, observation):
+            return mt.make("flying")
+
+    run = mt.evaluate(Planner(), **SHORT)
+    assert {row.outcome for row in run.rows} == {Outcome.POLICY_FAULT}
+
+
+def test_a_view_that_cannot_be_written_is_resumed(tmp_path, monkeypatch):
+    def full(*_):
+        raise RunDirectoryError("report.html cannot be written: No space left on device")
+
+    monkeypatch.setattr("minitouch_bench.api.write_views", full)
+    with pytest.raises(InfrastructureError, match="--resume continues"):
+        mt.evaluate("zero", **SHORT, output=tmp_path / "run")
+    monkeypatch.undo()
+    mt.evaluate("zero", **SHORT, output=tmp_path / "run", resume=True)
+    assert (tmp_path / "run" / "report.html").exists()
 
 
 def test_progress_is_shown_where_it_is_asked_for_and_nothing_where_nobody_watches(capsys):

@@ -90,13 +90,16 @@ def test_clearing_removes_the_run_and_nothing_else(tmp_path):
 
 
 def test_a_lock_leaves_nothing_and_clears_what_a_killed_writer_left(tmp_path):
-    (tmp_path / ".0123456789abcdef.partial").write_text("half")
+    (tmp_path / "videos").mkdir()
+    for folder in (tmp_path, tmp_path / "videos"):
+        (folder / ".0123456789abcdef.partial").write_text("half")
     (tmp_path / ".partial").mkdir()
     (tmp_path / ".of-the-user.partial").write_text("kept")
-    kept = [".of-the-user.partial", ".partial"]
+    kept = [".of-the-user.partial", ".partial", "videos"]
     with lock_directory(tmp_path):
         assert sorted(os.listdir(tmp_path)) == [LOCK_FILE, *kept]
     assert sorted(os.listdir(tmp_path)) == kept
+    assert not os.listdir(tmp_path / "videos")
 
 
 def test_who_waited_at_a_removed_lock_does_not_hold_the_directory(tmp_path, monkeypatch):

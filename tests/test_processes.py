@@ -125,6 +125,23 @@ def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
     assert len(set(file.read_text().split())) == 3
 
 
+def test_a_worker_that_cannot_be_started_ends_the_others(tmp_path, monkeypatch):
+    job, started = tmp_path / "a", []
+
+    def start(*arguments, **options):
+        if len(started) == 2:
+            raise OSError(12, "Cannot allocate memory")
+        started.append(popen(*arguments, **options))
+        return started[-1]
+
+    popen = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", start)
+    job.write_text("1")
+    with pytest.raises(InfrastructureError, match=r"no worker .*Cannot allocate memory"):
+        run_named(die_until, [str(job), str(job)], 2)
+    assert all(process.poll() is not None for process in started)
+
+
 def test_an_error_of_the_user_is_not_tried_again(tmp_path):
     with pytest.raises(UsageError, match=r"^no such thing$"):
         run_named(blame_the_user, [str(tmp_path / "a")])

@@ -26,10 +26,12 @@ ROOT = Path(__file__).parents[2]
 COMMAND = (sys.executable, "-m", "minitouch_bench", "leaderboard")
 
 OUTCOMES = {0: "valid", 1: "refused", 5: "not finished", 6: "not readable"}
-"""What the exit codes of ``leaderboard validate`` mean; any other is a fault of the program."""
+"""What the exit codes of ``leaderboard validate`` mean where it says ``N of 1 valid``; any other
+end is a fault of the program."""
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-MAX_OUTPUT = 30_000
+MAX_OUTPUT = 20_000
+"""The last bytes of the program's output that are kept: ``post_report.py`` posts so many."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -91,7 +93,9 @@ def check(name: str, clone: Path, output: Path) -> tuple[str, str]:
         shutil.copytree(clone / "submissions" / name, submissions / name, symlinks=True)
         (submissions / "_proofs" / f"{name}.json").unlink(missing_ok=True)
         code, text = run((*COMMAND, "validate", "--prove", f"submissions/{name}"), folder)
-        outcome = OUTCOMES.get(code, f"the check failed with exit code {code}")
+        outcome = f"the check failed with exit code {code}"
+        if re.search(r"\b[01] of 1 valid\b", text):
+            outcome = OUTCOMES.get(code, outcome)
         proof = submissions / "_proofs" / f"{name}.json"
         if outcome == "valid" and proof.is_file():
             (output / "proofs").mkdir(exist_ok=True)
@@ -113,7 +117,7 @@ def run(command: Sequence[str], folder: str) -> tuple[int, str]:
 
 def report(text: str, outcomes: dict[str, str], head: str, output: Path) -> None:
     """Write the files of the report, the job's summary and its outputs."""
-    text = text[-MAX_OUTPUT:]
+    text = text.encode()[-MAX_OUTPUT:].decode(errors="ignore")
     (output / "result.json").write_text(json.dumps({"head": head, "outcomes": outcomes}) + "\n")
     (output / "output.txt").write_text(text, encoding="utf-8")
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):

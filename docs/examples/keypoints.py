@@ -25,8 +25,8 @@ for seed, plot in enumerate(plots):
     image = torch.from_numpy(observation["image"])[None]
     with torch.no_grad():
         coordinates = encoder(image)[0]
-    middle = (image.shape[-1] - KEYPOINT_STRIDE) / 2  # of the places, 4 pixels apart
-    rows, columns = (middle + coordinates / KEYPOINT_SCALE * (middle - 2)).chunk(2)
+    middle, reach = (image.shape[-1] - 1) / 2, 9.5 * KEYPOINT_STRIDE  # of the 20 places in a row
+    rows, columns = (middle + coordinates / KEYPOINT_SCALE * reach).chunk(2)
     plot.imshow(image[0, 0], cmap="gray", vmin=0, vmax=255)
     plot.scatter(columns, rows, s=12, facecolors="none", edgecolors="orange")
     plot.axis("off")

@@ -3,7 +3,8 @@
 import os
 import shutil
 import time
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -120,25 +121,29 @@ def run_training(
         training.start(fresh=fresh)
         if fresh:  # nothing can be refused any more
             _remove_training(directory)
-        files.write_file(directory / CONFIG_FILE, write_toml(config))
+        with _resumable(training, directory):
+            _keep_policy(config, directory)
+            files.write_file(directory / CONFIG_FILE, write_toml(config))
         events = _open_events(directory, callbacks.note)
         if events is not None:
             stack.callback(events.close)
-        finished = _run(training, directory)
-        if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
-            files.write_file(directory / files.REPORT_PAGE, training_page(directory))
+        with _resumable(training, directory):
+            finished = training.run()
+            if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
+                files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
 
 
-def _run(training: Training, directory: Path) -> bool:
-    """Train; where a file cannot be written, say what is kept and how to go on.
+@contextmanager
+def _resumable(training: Training, directory: Path) -> Iterator[None]:
+    """Where a file cannot be written, say what is kept and how to go on.
 
     Raises:
         InfrastructureError: a file cannot be written.
         UsageError: the networks no longer give numbers.
     """
     try:
-        return training.run()
+        yield
     except InvalidActionError as error:
         raise UsageError(
             f"the training diverged after step {training.step}: {error}.\n"
@@ -229,8 +234,8 @@ def _check_directory(
 
     Raises:
         RunDirectoryError: the directory contains anything and neither ``resume`` nor ``fresh`` was
-            asked for; it contains no training; to resume, one with other settings; to replace,
-            another file beside it.
+            asked for; it contains no training; to resume, one with other settings, or a finished
+            one without its checkpoint; to replace, another file beside it.
     """
     file = directory / CONFIG_FILE
     entries = files.entries_of(directory)
@@ -238,12 +243,15 @@ def _check_directory(
         entries = [name for name in entries if not _is_of_training(name)]
     if resume and CONFIG_FILE in entries:
         known = read_recorded_config(file)
-        if config.is_longer_than(known):
-            _keep_policy(directory / TRAINED_FILE, known.steps)
-        elif config != known:
+        if config != known and not config.is_longer_than(known):
             raise RunDirectoryError(
                 f"{file} has other settings: {'; '.join(differing_settings(known, config)[:3])}.\n"
                 "Resume with the same ones, or with more steps in the last phase"
+            )
+        if TRAINED_FILE in entries and CHECKPOINT_FILE not in entries:
+            raise RunDirectoryError(
+                f"{directory} has a finished training without its checkpoint: it cannot go on.\n"
+                "Replace it with --fresh, or choose another --output"
             )
     elif entries:
         more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
@@ -269,18 +277,24 @@ def _is_of_training(name: str) -> bool:
 def _remove_training(directory: Path) -> None:
     """Remove what a training has written into its directory."""
     with files.os_errors_as(RunDirectoryError, directory, "cleared"):
-        for file in [directory / name for name in files.entries_of(directory)]:
+        # Without its settings no training would be known in what an interruption leaves.
+        names = sorted(files.entries_of(directory), key=lambda name: name == CONFIG_FILE)
+        for file in [directory / name for name in names]:
             if file.name == EVENTS_DIRECTORY and files.is_folder(file):
                 shutil.rmtree(file)
             else:
                 file.unlink()
 
 
-def _keep_policy(file: Path, steps: int) -> None:
+def _keep_policy(config: TrainingConfig, directory: Path) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
-    if os.path.lexists(file):
+    file = directory / TRAINED_FILE
+    if not os.path.lexists(file):
+        return
+    known = read_recorded_config(directory / CONFIG_FILE)
+    if config.is_longer_than(known):
         with files.os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_name(KEPT_FILE.format(steps)))
+            file.rename(file.with_name(KEPT_FILE.format(known.steps)))
 
 
 class TrainingEvaluator:

@@ -102,8 +102,9 @@ def regress(
     A policy plays the baseline's episodes; its run is kept in its directory.
     """
     candidates = candidate or []
-    is_played = output is not None or resume or fresh or trust
-    _refuse_contradictions(policy, baseline, candidates, is_played=is_played)
+    _refuse_contradictions(
+        policy, baseline, candidates, is_played=output is not None or resume or fresh or trust
+    )
     from minitouch_bench.comparison import gate_report
     from minitouch_bench.comparison.gate import (
         GateSettings,
@@ -120,8 +121,8 @@ def regress(
     from minitouch_bench.runs.run import Run, read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
-    allowed = None if tolerance is None else Tolerance.parse(tolerance)
     level = GateSettings.alpha if alpha is None else alpha
+    allowed = None if tolerance is None else Tolerance.parse(tolerance)
     settings = GateSettings(level, metric or "", allowed, strict, lenient)
     befores = [refuse_edited(read_run(path)) for path in baseline]
     afters = [refuse_edited(read_run(path)) for path in candidates]
@@ -138,6 +139,7 @@ def regress(
         header = header_of(setup)
         refuse_other_rules(before, header)
         directory = output or REPORTS / f"{run_name(header)}-regress"
+        _refuse_same_directory(directory, before.directory)
         with episode_progress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(header, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
@@ -147,16 +149,21 @@ def regress(
         befores, afters, candidates = [before], [after], [directory]
     paths = [[str(path) for path in of_side] for of_side in (baseline, candidates)]
     result = judge((befores, afters), paths, settings)
-    if junit is not None:
-        write_file(junit, gate_report.gate_junit(result))
-    if summary is not None:
-        append_bytes(summary, gate_report.gate_markdown(result).encode())
     if as_json:
         print(gate_report.gate_json(result), end="")
     else:
         gate_report.show_result(result, data_console())
+    if junit is not None:
+        write_file(junit, gate_report.gate_junit(result))
+    if summary is not None:
+        append_bytes(summary, gate_report.gate_markdown(result).encode())
     if result.exit_code:
         raise typer.Exit(result.exit_code)
+
+
+def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
+    if baseline is not None and directory.resolve() == baseline.resolve():
+        raise UsageError(f"{directory} holds the baseline; choose another --output")
 
 
 def _refuse_contradictions(

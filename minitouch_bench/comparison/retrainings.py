@@ -118,7 +118,7 @@ def compare_trainings(sides: Sequence[Sequence[pairing.PairedValues]]) -> pairin
         shares = (intervals.wilson(round(won.sum()), won.size) for won in (after, before))
         over_episodes = intervals.newcombe(*shares)
         low, high = min(low, over_episodes.low), max(high, over_episodes.high)
-    least, most = metric.range_in(like.task, difference=True)
+    least, most = metric.range_in(like.tasks[0], difference=True)
     seeds = len(before) + len(after)
     return pairing.Effect(
         task=like.task,

@@ -68,6 +68,8 @@ def _connected(workers: int | None, address: str | None) -> Iterator[Engine]:
         # A Ray started here takes orders from nobody else.
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     ray = require("ray", "ray")
+    if ray.is_initialized():
+        raise UsageError("this process uses Ray already, and a run ends its Ray: use another one")
     with tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True) as folder:
         if address is not None:
             _check_cluster(address)

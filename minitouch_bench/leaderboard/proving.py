@@ -181,13 +181,14 @@ class Prover:
         groups: dict[Group, list[Values]] = {}
         failed: list[str] = []
         for seed, place, run in self._runs():
-            records: list[PlayedEpisode] = []
             seeds[place] = fresh_seed(run.header.policy.digest, draw)
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
+                played: dict[EpisodeSpec, PlayedEpisode] = {}
                 for record in self.engine.run(self._setup(seed, run), specs):
-                    records.append(record)
+                    played[record.spec] = record
                     self._take(record)
+                records = [played[spec] for spec in specs]  # they end in another order
                 failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
                 values = dict(_values(run, records))
                 results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())

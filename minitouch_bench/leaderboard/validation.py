@@ -134,7 +134,8 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     runs: dict[str, Run] = {}
     for folder in (folder for seed in submission.seeds for folder in seed.runs.values()):
         path = f"{folder}/{RUN_FILE}"
-        if path in sizes:
+        is_small = sizes.get(f"{folder}/{ACTIONS_FILE}", 0) <= RUN_LIMITS[ACTIONS_FILE]
+        if path in sizes and is_small:
             with problems.caught(path, AS_WRITTEN):
                 run_json = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
                 runs[folder] = parse_run(run_json, folder, directory / folder)

@@ -308,8 +308,9 @@ def mean_differences(strata: Sequence[Sequence[Floats]]) -> MeanDifferences:
         parts = total**2 / freedom
         over_episodes = paired**2 / (table.shape[1] - 1)
         spread += (over_episodes + parts[:, None] + parts[None, :]) / tasks**4
+    difference[np.abs(difference) < 1e-12] = 0.0  # rounding of equal rows
     with np.errstate(divide="ignore", invalid="ignore"):
-        freedom = np.where(spread > 0, variance**2 / spread, 1.0)
+        freedom = np.where(variance > 0, variance**2 / spread, 1.0)
     return MeanDifferences(difference, variance, shared, freedom)
 
 

@@ -231,7 +231,8 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
         try:
             if request is wire.Frame.LOAD:
                 policy = load_policy(order.source)
-                kind, answer = wire.Frame.LOADED, warning_of(policy).encode(errors="replace")
+                warning = errors.plain_line(warning_of(policy), 2 * errors.MAX_TEXT)
+                kind, answer = wire.Frame.LOADED, warning.encode(errors="replace")
             elif policy is None:
                 raise wire.WireError(f"a request of kind {request} before LOAD")
             elif request is wire.Frame.RESET:
@@ -249,9 +250,11 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
                 kind = wire.Frame.REFUSED
             elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID
-            # Our own words need no type before them.
-            plain = kind is not wire.Frame.RAISED or isinstance(error, errors.PolicyRaisedError)
-            answer = (str(error) if plain else errors.describe(error)).encode(errors="replace")
+            # Our own words need no type before them, and the parent says whose they are.
+            text = str(error) if kind is not wire.Frame.RAISED else errors.describe(error)
+            if isinstance(error, errors.PolicyRaisedError):
+                (text,) = error.args
+            answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
 

@@ -210,7 +210,7 @@ class PolicyProcess:
         if kind is wire.Frame.INVALID and request is wire.Frame.ACT:
             raise errors.InvalidActionError(text)
         if kind is wire.Frame.RAISED:
-            self._stop(0.0)
+            self._stop(self._end_grace_s)
             raise errors.PolicyRaisedError(text)
         self._break_off(wire.WireError(f"{kind.name} is not an answer to {request.name}"))
 
@@ -303,7 +303,7 @@ class InProcessPolicy:
         copied = {name: value.copy() for name, value in observation.items()}
         try:
             raw = self._policy.act(copied)
-        except errors.MiniTouchError:
+        except errors.PolicyFaultError:
             raise
         except Exception as error:
             raise errors.PolicyRaisedError(errors.describe(error)) from error

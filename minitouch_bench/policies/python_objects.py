@@ -46,7 +46,8 @@ def load_factory(source: PolicySource) -> Policy:
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
-    sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
     factory = look_up(source.target)
     if not callable(factory):
         raise PolicyLoadError("it cannot be called to make a policy")

@@ -15,6 +15,7 @@ An error answers with another status than 200 and {"error": "one line"}.
 import http.client
 import itertools
 import json
+import sys
 import threading
 import urllib.parse
 from collections import OrderedDict
@@ -35,6 +36,7 @@ from minitouch_bench.policies.wire import (
     pack_observation,
     unpack_observation,
 )
+from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
 
 MAX_EPISODES = 1024
 """Episodes kept open; beyond it the oldest is dropped, its evaluation having died."""
@@ -92,6 +94,11 @@ class PolicyServer(ThreadingHTTPServer):
             ended = self._episodes.pop(episode, None)
         close_policy(ended)
         return {}
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Pass over a client that is gone: an evaluation ends its processes at once."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 class PolicyHandler(BaseHTTPRequestHandler):
@@ -154,7 +161,7 @@ def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8
 
 HTTP_API_VERSION = 1
 MAX_ANSWER = 64 * 1024
-SOCKET_TIMEOUT_S = 300.0
+SOCKET_TIMEOUT_S = MAX_TIMEOUT_S
 """Only a backstop: the deadline of an act is kept by the process that asked for it."""
 
 

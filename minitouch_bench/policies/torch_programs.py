@@ -31,6 +31,8 @@ COMPILED = "/data/aotinductor/"
 
 RAN = "failed in the TorchScript interpreter"
 """What torch says where a file's code failed, and not the reading of the file."""
+TORCH_ERRORS = (RuntimeError, torch.jit.Error)
+"""The second is what a script raises itself."""
 
 RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
 """Names of torch's recurrent modules, which a saved module keeps."""
@@ -63,7 +65,7 @@ class ModulePolicy:
         with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]
             try:
                 return as_array(self._module(*to_tensors(observation)))
-            except RuntimeError as error:  # whose message begins with the whole source
+            except TORCH_ERRORS as error:  # whose message begins with the whole source
                 raise PolicyRaisedError(_last_line(error)) from error
 
 
@@ -115,7 +117,7 @@ def load_torchscript(source: PolicySource) -> ModulePolicy:
         with warnings.catch_warnings():  # the format's ``advice`` says it
             warnings.filterwarnings("ignore", "`?torch.jit", DeprecationWarning)
             module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
-    except (RuntimeError, ValueError) as error:
+    except (*TORCH_ERRORS, ValueError) as error:
         if RAN in str(error):
             raise PolicyLoadError(f"code of its own failed: {_last_line(error)}") from error
         raise PolicyLoadError(

@@ -257,10 +257,16 @@ def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
                 "ending": [numbers[ending_of(row)] for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "ticks": [row.touch_interaction for row in episodes],
-                "touched": [row.touch_steps for row in episodes],
+                "share": [_touch_share(row) for row in episodes],
                 "first": [_seconds(row) for row in episodes],
                 "shapes": shapes if len(set(shapes)) > 1 else None,
             }
+
+
+def _touch_share(episode: Episode) -> float | None:
+    """Return the touch share in few digits, None where there is none."""
+    share = METRICS["touch_share"].value(episode)
+    return None if share is None else round(share, 3)
 
 
 def _seconds(episode: Episode) -> float | None:

@@ -70,10 +70,10 @@ def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequen
         cells: list[Cell] = []
         for task in tasks:
             found = (find_estimate(section.run, task, metric) for section in sections)
-            ours = [estimate_cell(metric, estimate) for estimate in found]
+            ours = [_cell_in(task, metric, estimate) for estimate in found]
             cells += mark_best(ours, METRICS[metric].direction_in(task))
             cells += (labels.paper_cell(task, metric, method) for method in methods)
-        rows.append(Row((labels.metric_head(metric),), tuple(cells), METRICS[metric].unit))
+        rows.append(Row((labels.metric_head(metric),), tuple(cells), _shared_unit(metric)))
     notes = (
         *_label_notes(sections),
         *_split_notes(sections),
@@ -84,6 +84,18 @@ def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequen
     has_best = any(cell.is_best for row in rows for cell in row.cells)
     caption = BEST_NOTE if has_best else ""
     return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes, caption)
+
+
+def _shared_unit(metric: str) -> str:
+    """Return the unit of a metric, "" where each task has its own, which ``_cell_in`` writes."""
+    return "" if METRICS[metric].task_units else METRICS[metric].unit
+
+
+def _cell_in(task: str, metric: str, estimate: Estimate | None) -> Cell:
+    cell = estimate_cell(metric, estimate)
+    if METRICS[metric].task_units and cell.text != ABSENT:
+        return replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(task)}")
+    return cell
 
 
 def mark_best(cells: Sequence[Cell], direction: str) -> list[Cell]:
@@ -111,7 +123,6 @@ def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
 
 def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
-    metrics = [METRICS[name] for name in DIAGNOSTIC_METRICS]
     rows = []
     for task in tasks:
         for section in sections:
@@ -123,7 +134,7 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
         title="Diagnostics",
         corner=("Task", "Policy"),
         columns=(
-            *(Column(one.label, unit="" if one.task_units else one.unit) for one in metrics),
+            *(Column(METRICS[one].label, unit=_shared_unit(one)) for one in DIAGNOSTIC_METRICS),
             Column("Outcomes", unit="episodes", is_text=True),
             Column("Policy faults"),
         ),
@@ -138,10 +149,7 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
 
 def _diagnostic_cells(summary: TaskResult) -> Iterator[Cell]:
     for metric in DIAGNOSTIC_METRICS:
-        cell = estimate_cell(metric, summary.estimates.get(metric))
-        if METRICS[metric].task_units and cell.text != ABSENT:
-            cell = replace(cell, text=f"{cell.text} {METRICS[metric].unit_in(summary.task)}")
-        yield cell
+        yield _cell_in(summary.task, metric, summary.estimates.get(metric))
     ended = (
         f"{title} {summary.outcomes[outcome]}"
         for outcome, title in OUTCOME_TITLES.items()

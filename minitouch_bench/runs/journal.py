@@ -133,8 +133,12 @@ def _content(line: bytes) -> bytes | None:
 
 def _parse_record(line: bytes, name: str) -> PlayedEpisode:
     stored = read_json(line, _EpisodeLine, name)
-    arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
-    trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
+    try:
+        arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
+        trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
+    except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
+        what = f"{name} is damaged: {error}; start again with --fresh"
+        raise RunDirectoryError(what) from error
     return PlayedEpisode(stored.spec, stored.outcome, trace, stored.fault)
 
 

@@ -91,7 +91,7 @@ def make_header(
 ) -> RunHeader:
     """Return the header of a run of this plan, under this installation's protocol."""
     kinds = {identity.kind for identity in (policy, exploration) if identity is not None}
-    needed = {"process": "remote" in kinds, "none": kinds == {"scripted"}}
+    needed = {"process": kinds == {"remote"}, "none": kinds == {"scripted"}}
     reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
         reasons += ("policy in memory, beside the simulator",)

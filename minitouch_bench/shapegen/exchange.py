@@ -64,6 +64,8 @@ MOST_BYTES = 64 * MIB
 
 LENGTH = (0.010, 0.125)
 """Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
+SHORTEST = 1e-6
+"""Length in the file's own unit below which a mesh cannot be measured."""
 SEEN_LENGTH = 0.04
 """Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
@@ -183,6 +185,8 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     moved = in_body_frame(simplified_solid(solid, BUILD.faces))
     factor = _fitting(moved) if config.fit else config.scale
     longest, (low, high) = 2.0 * float(np.abs(moved.vertices).max()), LENGTH
+    if longest < SHORTEST:
+        raise UnsoundError(Reason.SIZE, f"{longest:.1g} long, in whatever unit")
     if not low <= longest * factor <= high:
         units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
         hull = hull_of(moved.vertices)
@@ -193,6 +197,8 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
     cleaned = to_mesh(to_solid(mesh))
+    if not len(cleaned.faces):
+        raise UnsoundError(Reason.THIN_WALL, "nothing of it is left on the grid")
     return Mesh(quantized(cleaned.vertices), cleaned.faces)
 
 

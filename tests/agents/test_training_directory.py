@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from minitouch_bench import files
 from minitouch_bench.agents import checkpoint, training
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
@@ -21,7 +22,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from tests.agents.test_training import break_off, outcome
+from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 
 
@@ -182,6 +183,40 @@ def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     assert file.read_bytes() == before
 
 
+LONGER = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=CONFIG.task_phase.steps + 5))
+
+
+@pytest.mark.parametrize("config", [CONFIG, LONGER])
+def test_a_finished_training_without_its_checkpoint_is_not_begun_again(prepared, config):
+    (prepared / "final.safetensors").write_bytes(b"its policy")
+    (prepared / "checkpoint.pt").unlink()
+    before = sorted(prepared.iterdir())
+    with pytest.raises(RunDirectoryError, match="without its checkpoint"):
+        run_training(config, prepared, resume=True, device="cpu")
+    assert sorted(prepared.iterdir()) == before
+
+
+def test_a_training_that_cannot_be_made_longer_keeps_its_policy(prepared):
+    (prepared / "final.safetensors").write_bytes(b"its policy")
+    (prepared / "checkpoint.pt").write_bytes(b"damaged")
+    with pytest.raises(RunDirectoryError, match="checkpoint"):
+        run_training(LONGER, prepared, resume=True, device="cpu")
+    assert (prepared / "final.safetensors").read_bytes() == b"its policy"
+
+
+def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monkeypatch):
+    def killed(place):
+        raise KilledError
+
+    monkeypatch.setattr("shutil.rmtree", killed)  # the events go between other files
+    with pytest.raises(KilledError):
+        run_training(CONFIG, prepared, fresh=True, device="cpu")
+    assert not (prepared / "checkpoint.pt").exists()
+    monkeypatch.undo()
+    stopped = TrainingCallbacks(should_stop=lambda: True)
+    assert not run_training(CONFIG, prepared, fresh=True, device="cpu", callbacks=stopped)
+
+
 # A full disk
 
 
@@ -213,6 +248,25 @@ def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     monkeypatch.undo()
     assert run_training(CONFIG, tmp_path / "run", resume=True, device="cpu")
     assert outcome(tmp_path / "run") == outcome(undisturbed)
+
+
+@pytest.mark.parametrize("name", ["config.toml", "report.html"])
+def test_a_full_disk_at_the_beginning_or_the_end_says_the_same(
+    prepared, undisturbed, monkeypatch, name
+):
+    write = files.write_file
+
+    def fill(path, content):
+        if path.name == name:
+            raise RunDirectoryError(f"{path} cannot be written: No space left on device")
+        write(path, content)
+
+    monkeypatch.setattr(files, "write_file", fill)
+    with pytest.raises(InfrastructureError, match=f"{name} cannot .*\n.*--resume continues"):
+        run_training(CONFIG, prepared, resume=True, device="cpu")
+    monkeypatch.undo()
+    assert run_training(CONFIG, prepared, resume=True, device="cpu")
+    assert outcome(prepared) == outcome(undisturbed)
 
 
 # A damaged checkpoint

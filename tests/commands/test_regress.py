@@ -206,6 +206,8 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
         spec, row = read_run(baseline / directory).find(key)
         assert spec.key == f"{row.task}/{row.index}"
     run(*command, directory=baseline).refused(6, "--resume", "--fresh")
+    onto = (*command[:4], "--output", "./base", "--fresh")
+    run(*onto, directory=baseline).refused(2, "holds the baseline")
     again = run(*command, "--resume", "--json", directory=baseline)
     assert json.loads(again.out) == document
 

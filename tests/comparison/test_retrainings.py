@@ -91,6 +91,29 @@ def test_seeds_that_agree_by_chance_leave_the_doubt_of_their_episodes():
     assert effect.p_value == 1
 
 
+def test_the_same_trainings_again_are_no_regression():
+    again = [replace(run, name=f"again-{run.name}") for run in GOOD]
+    result = judged(GOOD, again)
+    assert result.decision is not Decision.REGRESSION
+    assert {one.effect.p_value for one in (result.endpoint, *result.per_task)} == {1}
+    assert json.loads(gate_json(result))
+
+
+def test_control_steps_are_compared_over_several_tasks():
+    slow, fast = (
+        [
+            make_saved(
+                {task: values([True] * 10, [n] * 10) for task in ("pushing", "opening")}, str(n)
+            )
+            for n in numbers
+        ]
+        for numbers in ((90, 92), (10, 12))
+    )
+    effect = judged(fast, slow, metric="episode_steps").endpoint.effect
+    assert (effect.task, effect.difference.value) == ("mean", 80)
+    assert effect.difference.high <= 200
+
+
 def test_seeds_that_differ_have_welch_s_interval_where_episodes_add_nothing():
     """By hand: the episodes of a seed are all alike, so that the seeds' means are all there is."""
     steps = {"a": [10, 20, 40], "b": [60, 90]}

@@ -7,6 +7,7 @@ import sys
 import threading
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -212,6 +213,13 @@ def test_a_node_with_another_protocol_is_refused_in_one_line(tmp_path):
 def test_what_is_not_an_address_is_a_mistake(address):
     with pytest.raises(UsageError, match=r"HOST:PORT"):
         engine_on(address)
+
+
+def test_the_ray_of_the_caller_is_left_alone(monkeypatch):
+    ray = SimpleNamespace(is_initialized=lambda: True)  # which nobody can shut down
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    with pytest.raises(UsageError, match="uses Ray already"), engine_on(None):
+        pass
 
 
 def test_without_ray_the_extra_is_named(monkeypatch):

@@ -17,6 +17,9 @@ if sys.argv[1] == "build":
 place = pathlib.Path(sys.argv[-1])
 code = int((place / "code").read_text())
 print(" ".join(sys.argv[1:]))
+if code == 3:
+    raise RuntimeError("a fault of the program")
+print(f"{int(code == 0)} of 1 valid", file=sys.stderr)
 if code == 0:
     proofs = place.parent / "_proofs"
     proofs.mkdir(exist_ok=True)
@@ -87,7 +90,12 @@ def test_a_valid_submission_leaves_its_proof_and_a_summary(script, clone, tmp_pa
 
 @pytest.mark.parametrize(
     ("code", "outcome"),
-    [(1, "refused"), (5, "not finished"), (70, "the check failed with exit code 70")],
+    [
+        (1, "refused"),
+        (5, "not finished"),
+        (70, "the check failed with exit code 70"),
+        (3, "the check failed with exit code 1"),
+    ],
 )
 def test_any_other_outcome_is_named_and_leaves_no_proof(script, clone, tmp_path, code, outcome):
     base = commit(clone, README="")
@@ -97,6 +105,13 @@ def test_any_other_outcome_is_named_and_leaves_no_proof(script, clone, tmp_path,
     assert result["outcomes"] == {"mine": outcome}
     assert not (output / "proofs").exists()
     assert (tmp_path / "GITHUB_OUTPUT").read_text() == "proofs=0\n"
+
+
+def test_the_end_of_a_long_output_is_kept_within_what_is_posted(script, tmp_path):
+    script.report("é" * 30_000 + "the end", {}, "0", tmp_path)
+    kept = (tmp_path / "output.txt").read_bytes()
+    assert kept.endswith(b"the end")
+    assert len(kept) <= load("post_report").MAX_TEXT
 
 
 def test_a_change_that_removes_another_submission_is_not_checked(script, clone):

@@ -20,6 +20,7 @@ from minitouch_bench.leaderboard.proof import (
     FreshProof,
     Proof,
     ProofLevel,
+    Values,
     find_proof,
     level_of,
     proof_path,
@@ -142,6 +143,21 @@ def test_failing_on_purpose_in_unknown_scenes_is_a_drop(found):
     checking = prover(with_twenty(found), FailingEngine({"all"}))
     checking.run_fresh(4, "a phrase")
     assert "4 fresh episodes end by a policy fault" in str([*checking.problems][-1])
+
+
+class BackwardsEngine(FailingEngine):
+    def run(self, source, specs):
+        yield from reversed([*super().run(source, specs)])
+
+
+def test_the_order_in_which_fresh_episodes_end_changes_nothing(found, monkeypatch):
+    """The seeds' episodes of one number are averaged."""
+    tested = []
+    monkeypatch.setattr(proving, "drop_together", tested.append)
+    for engine in (FailingEngine({"opening/1"}), BackwardsEngine({"opening/1"})):
+        prover(found, engine).run_fresh(3, "a phrase")
+    assert [*tested[0].values()] == [[Values((1.0, 1.0), (1.0, 0.0, 1.0))]]
+    assert tested[0] == tested[1]
 
 
 def with_policy(found, **changes):

@@ -70,6 +70,14 @@ def test_the_noise_of_episodes_counts_once():
     assert mean_p_values([[apart, flat]])[0, 1] == pytest.approx(expected)
 
 
+def test_a_copy_of_a_row_differs_by_nothing_whatever_the_order_of_its_seeds():
+    """Most of these rows' seeds vary no more than single episodes do."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        row = rng.random((3, 50))
+        assert mean_p_values([[row, row[[2, 0, 1]]]]).tolist() == [[1, 1], [1, 1]]
+
+
 def test_false_alarms_over_seeds_stay_near_one_in_twenty():
     """Of boards of four equal methods, for seeds that vary and seeds that do not."""
     methods = SETTINGS["equal variances, 5 seeds"]

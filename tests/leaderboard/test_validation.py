@@ -263,6 +263,7 @@ def test_files_that_are_too_large(submission):
     with (submission / RUN / "actions.npz").open("r+b") as file:
         file.truncate(100 * 2**20)
     refused(submission, f"{RUN}/actions.npz", "the limit is")
+    assert not validate(submission).runs  # it is not read
 
 
 def test_a_zip_bomb_as_a_checkpoint(submission):

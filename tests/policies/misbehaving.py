@@ -105,6 +105,10 @@ class Misbehaving:
         return self.act_now()
 
 
+class Forgetful(Misbehaving):
+    warning = "it forgets\nmuch"
+
+
 def raising_factory():
     raise RuntimeError("no weights here")
 

@@ -10,7 +10,7 @@ import safetensors.torch
 import torch
 from onnx import TensorProto, helper
 
-from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.process import PolicyProcess
@@ -96,6 +96,21 @@ def test_torchscript_files_of_another_form_are_refused():
     weights = io.BytesIO()
     torch.save({"weight": torch.zeros(3)}, weights)
     refused("torchscript", weights.getvalue(), "Weights alone are not enough")
+
+
+class Asserting(torch.nn.Module):
+    def forward(self, image, touch):
+        assert touch.sum() < 0, "boom"
+        return touch[:, :4]
+
+
+@pytest.mark.filterwarnings("ignore:.?torch.jit:DeprecationWarning")
+def test_what_a_script_says_itself_is_shown_once(tmp_path, observation):
+    torch.jit.save(torch.jit.script(Asserting()), tmp_path / "policy.pt")
+    with PolicyProcess(parse_source(str(tmp_path / "policy.pt"))) as policy:
+        policy.reset(0, "pushing")
+        with pytest.raises(PolicyRaisedError, match=r"^the policy said: (?!the policy).*boom"):
+            policy.act(observation | {"touch": np.ones(11, np.float32)})
 
 
 def onnx_bytes(inputs=("image", "touch"), output="action", **options):

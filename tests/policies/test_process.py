@@ -219,6 +219,12 @@ def test_what_cannot_be_loaded_is_a_load_error(bad, monkeypatch, attribute, text
         bad.reset(0, "pushing")
 
 
+def test_what_a_policy_warns_of_is_one_line(bad, monkeypatch):
+    monkeypatch.setattr(bad, "_source", factory("Forgetful"))
+    bad.reset(SEEDS["fine"], "pushing")
+    assert bad.warning == "it forgets much"
+
+
 def test_an_exploration_policy_is_told_to_sample(bad, monkeypatch):
     for deterministic in (True, False):
         told = replace(factory("told_factory"), deterministic=deterministic)

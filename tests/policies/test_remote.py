@@ -99,6 +99,25 @@ def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
     assert not server._episodes
 
 
+def test_an_episode_that_fails_is_ended_on_the_server_too(server, url, observation, monkeypatch):
+    monkeypatch.setattr(Echo, "act", lambda *_: 1 / 0)
+    with isolate(parse_source(url)) as policy:
+        policy.reset(1, "pushing")
+        with pytest.raises(PolicyFaultError, match="division by zero"):
+            policy.act(observation)
+        assert not server._episodes
+
+
+def test_a_client_that_is_gone_is_passed_over(server, capfd):
+    for error in (ConnectionResetError, ValueError):
+        try:
+            raise error
+        except error:
+            server.handle_error(None, ("127.0.0.1", 1))
+    assert "ConnectionResetError" not in (told := capfd.readouterr().err)
+    assert "ValueError" in told
+
+
 @pytest.mark.parametrize(
     ("method", "path", "body", "status"),
     [

@@ -1,9 +1,12 @@
 """The browser of episodes on a run's own page, in a real browser."""
 
+import json
 import time
+from dataclasses import replace
 
 import pytest
 
+from minitouch_bench.reporting.pages import BrowsedRun, browser_data
 from minitouch_bench.reporting.report import build_report, write_page
 from tests.reporting.synthetic import make_run, write
 
@@ -46,3 +49,11 @@ def test_failures_come_first_and_a_viewer_opens_where_there_is_one(browser, page
     deadline = time.monotonic() + 20
     while browser.run("document.title") != "the viewer":
         assert time.monotonic() < deadline
+
+
+def test_a_policy_fault_has_the_touch_share_of_the_tables(hac):
+    """Of all 200 steps, of which it played one."""
+    touched = tuple(replace(row, touch_steps=row.steps) for row in hac.rows)
+    data = json.loads(browser_data([BrowsedRun("hac", replace(hac, rows=touched), "hac")]))
+    (pushing,) = [one for one in data["runs"][0]["groups"] if one["key"] == "pushing"]
+    assert pushing["share"][:3] == [0.0, 0.005, 1.0]

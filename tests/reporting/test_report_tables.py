@@ -24,6 +24,14 @@ def test_table4_has_a_column_per_run_and_the_paper_s_values(hac, scripted):
     assert success[6].text == ABSENT  # scripted was not run on Opening
 
 
+def test_a_metric_of_several_units_has_them_in_its_cells(hac):
+    (moved,) = build_report([hac], metrics=["object_movement"]).table4.rows
+    assert moved.unit == ""
+    assert [cell.text.split(" ")[1] for cell in moved.cells if cell.text != ABSENT] == [
+        "m²", "rad²", "m²", "m²",
+    ]  # fmt: skip
+
+
 def test_the_best_of_several_runs_is_bold_on_pages_and_the_caption_says_what_that_is():
     cells = [Cell("0.500", sort_key=0.5), Cell(), Cell("0.250", sort_key=0.25)]
     best = [[cell.is_best for cell in mark_best(cells, way)] for way in (UP, DOWN, NO_DIRECTION)]

@@ -5,6 +5,7 @@ import resource
 import subprocess
 import sys
 import time
+import zlib
 from dataclasses import replace
 
 import pytest
@@ -73,6 +74,14 @@ def test_a_line_with_another_bit_costs_one_episode(journal, path):
         damaged[place] ^= 0x04
         path.write_bytes(damaged)
         assert keys(path) == KEYS[1:]
+
+
+def test_a_whole_line_of_damaged_arrays_is_refused(path):
+    first, line, *_ = path.read_bytes().split(b"\n")
+    text = line[9:].replace(b"UEs", b"AAA")  # "PK" of a zip file in base64
+    path.write_bytes(first + b"\n%08x " % zlib.crc32(text) + text)
+    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged.*--fresh"):
+        resumed(path.parent)
 
 
 @pytest.mark.parametrize("content", [b"", b"00000000 {}", b"\xff" * 100])

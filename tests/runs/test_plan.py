@@ -97,8 +97,9 @@ def test_a_policy_and_its_isolation_can_make_a_run_unofficial():
     for isolation, kind in (("process", "remote"), ("none", "scripted")):
         assert why_unofficial(zero, None, isolation) == (f"isolation: {isolation}",)
         assert why_unofficial(replace(zero, kind=kind), None, isolation) == ()
-    beside = replace(zero, kind="scripted")
-    assert why_unofficial(zero, beside, "none") == ("isolation: none",)
+    for isolation, kind in (("process", "remote"), ("none", "scripted")):
+        beside = replace(zero, kind=kind)
+        assert why_unofficial(zero, beside, isolation) == (f"isolation: {isolation}",)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """A small grid for real: killed at any moment, it ends in the same rows."""
 
+import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -88,6 +90,19 @@ def kill_once_there_is(file, command):
         time.sleep(0.02)
     process.kill()
     process.wait()
+
+
+@pytest.mark.slow
+def test_ctrl_c_begins_no_other_cell(design, tmp_path):
+    output = tmp_path / "out"
+    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
+    process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
+    while not (output / "playing-hac-60-0" / "checkpoint.pt").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    assert process.wait(60) != 0
+    assert not (output / "opening-rnd-60-0").exists()
 
 
 @pytest.mark.slow

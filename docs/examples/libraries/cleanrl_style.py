@@ -30,8 +30,9 @@ envs = gymnasium.make_vec("minitouch_bench:MiniTouch/Pushing-v1", num_envs=ENVS)
 agent = Agent(envs.single_action_space.shape[0])
 optimizer = torch.optim.Adam(agent.parameters(), lr=3e-4)
 observation, info = envs.reset(seed=0)
+ended = torch.zeros(ENVS)
 for update in range(UPDATES):
-    seen, actions, log_probs, values, rewards, ends = [], [], [], [], [], []
+    seen, actions, log_probs, values, rewards, ends, played = [], [], [], [], [], [], []
     successes = 0
     for _ in range(STEPS):
         tensors = to_torch(observation)
@@ -47,7 +48,9 @@ for update in range(UPDATES):
         log_probs.append(distribution.log_prob(action).sum(1))
         values.append(value)
         rewards.append(torch.as_tensor(reward, dtype=torch.float32))
-        ends.append(torch.as_tensor(terminated | truncated, dtype=torch.float32))
+        played.append(1.0 - ended)  # the step after an end only resets, whatever the action
+        ended = torch.as_tensor(terminated | truncated, dtype=torch.float32)
+        ends.append(ended)
     with torch.no_grad():
         values.append(agent(to_torch(observation))[1])
     advantage, advantages = torch.zeros(ENVS), []
@@ -59,8 +62,9 @@ for update in range(UPDATES):
     batch = {name: torch.cat([one[name] for one in seen]) for name in seen[0]}
     action, log_prob, advantage = torch.cat(actions), torch.cat(log_probs), torch.cat(advantages)
     returns = advantage + torch.cat(values[:-1])
+    kept = torch.cat(played).nonzero()[:, 0]
     for _ in range(2):
-        for part in torch.randperm(len(action)).split(50):
+        for part in kept[torch.randperm(len(kept))].split(50):
             distribution, value = agent({name: batch[name][part] for name in batch})
             ratio = (distribution.log_prob(action[part]).sum(1) - log_prob[part]).exp()
             gain = torch.min(

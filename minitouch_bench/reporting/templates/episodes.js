@@ -69,7 +69,7 @@
       mark.className = `swatch ${data.tones[ending]}`;
       ended.prepend(mark);
       cell(row, group.steps[place]);
-      cell(row, group.steps[place] ? (group.touched[place] / group.steps[place]).toFixed(3) : "—");
+      cell(row, group.share[place] === null ? "—" : group.share[place].toFixed(3));
       cell(row, group.ticks[place]);
       cell(row, group.first[place] === null ? "—" : group.first[place].toFixed(2));
       cell(row, group.shapes ? group.shapes[place] : "", "words");
