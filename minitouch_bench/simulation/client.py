@@ -346,16 +346,14 @@ class PhysicsClient:
         x, y, z, w = pybullet.getLinkState(body, link, 0, 0, self._id)[5]
         return 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
 
-    def render(
-        self, view: View, width: int, height: int, *, shadow: bool = False, bodies: bool = False
-    ) -> Image:
+    def render(self, view: View, width: int, height: int, *, bodies: bool = False) -> Image:
         """Render the world in software; ``bodies`` also returns the body at each pixel."""
         _, _, rgba, depth, seen = self._bullet.getCameraImage(
             width,
             height,
             view.view,
             view.projection,
-            shadow=int(shadow),
+            shadow=0,
             renderer=pybullet.ER_TINY_RENDERER,
             flags=0 if bodies else pybullet.ER_NO_SEGMENTATION_MASK,
         )
