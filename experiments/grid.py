@@ -261,9 +261,9 @@ def run_grid(
                 except mt.MiniTouchError as error:
                     failed[cell] = str(error)
                     print(f"{cell.name} failed: {error}", file=sys.stderr)
-        except KeyboardInterrupt:  # the cells under way end by it too; no other begins
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        except KeyboardInterrupt:  # the executor would first finish the cells it has handed out
+            print("interrupted; the same command continues", file=sys.stderr)
+            os._exit(130)
     return failed
 
 

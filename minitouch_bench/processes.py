@@ -200,7 +200,7 @@ class _Worker(Generic[Job, Result]):
     def __init__(self, function: Callable[[Job], Result]) -> None:
         try:
             self._start()
-        except OSError as error:  # too many files are open, or there is no memory
+        except (OSError, RuntimeError) as error:  # too many files or threads, or no memory
             raise InfrastructureError(f"no worker can be started: {error}") from error
         self.task: tuple[int, int] | None = None
         self.send(sys.path)

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 import minitouch_bench as mt
+from minitouch_bench.agents.training import NO_CALLBACKS
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -225,6 +226,11 @@ def test_lists_and_workers_are_written_as_on_the_command_line(counted):
 def test_wrong_options_are_refused(option, word):
     with pytest.raises(UsageError, match=word):
         mt.evaluate("zero", **option)
+
+
+def test_a_training_s_callbacks_are_not_given_up_for_its_progress():
+    with pytest.raises(UsageError, match="one of them"):
+        mt.train("pushing", progress=True, callbacks=NO_CALLBACKS)
 
 
 def test_environments_are_made_by_the_task_s_name():

@@ -124,10 +124,9 @@ def run_training(
         with _resumable(training, directory):
             _keep_policy(config, directory)
             files.write_file(directory / CONFIG_FILE, write_toml(config))
-        events = _open_events(directory, callbacks.note)
-        if events is not None:
-            stack.callback(events.close)
-        with _resumable(training, directory):
+            events = _open_events(directory, callbacks.note)
+            if events is not None:
+                stack.callback(events.close)
             finished = training.run()
             if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
                 files.write_file(directory / files.REPORT_PAGE, training_page(directory))

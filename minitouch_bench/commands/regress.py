@@ -115,15 +115,16 @@ def regress(
     )
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.execution import header_of, open_run, play, run_name
+    from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.reporting.report import write_views
     from minitouch_bench.runs.run import Run, read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
-    level = GateSettings.alpha if alpha is None else alpha
     allowed = None if tolerance is None else Tolerance.parse(tolerance)
-    settings = GateSettings(level, metric or "", allowed, strict, lenient)
+    settings = GateSettings(
+        GateSettings.alpha if alpha is None else alpha, metric or "", allowed, strict, lenient
+    )
     befores = [refuse_edited(read_run(path)) for path in baseline]
     afters = [refuse_edited(read_run(path)) for path in candidates]
     if policy is not None:
@@ -145,7 +146,8 @@ def regress(
             if isinstance(opened, Run):
                 refuse_edited(opened)
             after = play(setup, opened, running, callbacks)
-            write_views(after, directory)
+            with resumable(directory):
+                write_views(after, directory)
         befores, afters, candidates = [before], [after], [directory]
     paths = [[str(path) for path in of_side] for of_side in (baseline, candidates)]
     result = judge((befores, afters), paths, settings)
@@ -162,7 +164,7 @@ def regress(
 
 
 def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
-    if baseline is not None and directory.resolve() == baseline.resolve():
+    if baseline is not None and directory.is_dir() and directory.samefile(baseline):
         raise UsageError(f"{directory} holds the baseline; choose another --output")
 
 

@@ -101,8 +101,12 @@ class PolicySetup:
         return replace(self, isolation=replace(self.isolation, private=str(directory.resolve())))
 
     def isolation_level(self) -> Isolation:
-        """Return the weakest level at which a policy of the run is isolated."""
-        return weakest(effective_level(one, self.isolation.level) for one in self.sources())
+        """Return the weakest level at which a policy of the run is isolated.
+
+        A server's own code does not run here: its client counts only where there is no other.
+        """
+        here = [one for one in self.sources() if one.kind != "remote"] or self.sources()
+        return weakest(effective_level(one, self.isolation.level) for one in here)
 
     def make_policy(self, role: Role, world_of: WorldOf) -> Policy:
         """Return the policy of a role, isolated as asked."""

@@ -46,7 +46,8 @@ def open_ray(workers: int | None, address: str | None) -> contextlib.AbstractCon
     """Open an engine on a Ray cluster, by default one of ``workers`` CPUs that is started here.
 
     Raises:
-        UsageError: the address is not HOST:PORT, or the path of this Python contains a space.
+        UsageError: the address is not HOST:PORT, the path of this Python contains a space, or this
+            process uses Ray already.
     """
     if " " in sys.executable:  # Ray starts no worker that has variables of its own, and waits
         raise UsageError(
@@ -69,7 +70,9 @@ def _connected(workers: int | None, address: str | None) -> Iterator[Engine]:
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     ray = require("ray", "ray")
     if ray.is_initialized():
-        raise UsageError("this process uses Ray already, and a run ends its Ray: use another one")
+        raise UsageError(
+            "this process uses Ray already, and a run ends its Ray: use another process"
+        )
     with tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True) as folder:
         if address is not None:
             _check_cluster(address)

@@ -294,9 +294,11 @@ def mean_differences(strata: Sequence[Sequence[Floats]]) -> MeanDifferences:
     """
     number, tasks = len(strata[0]), len(strata)
     difference, variance, shared, spread = (np.zeros((number, number)) for _ in range(4))
+    largest = 0.0
     for samples in strata:
         table = np.array([values.mean(axis=0) for values in samples])
         means = table.mean(axis=1)
+        largest = max(largest, np.abs(means).max())
         difference += (means[:, None] - means[None, :]) / tasks
         seeds = [_seed_variances(values) for values in samples]
         total, within, freedom = np.array(seeds, np.float64).T
@@ -308,7 +310,7 @@ def mean_differences(strata: Sequence[Sequence[Floats]]) -> MeanDifferences:
         parts = total**2 / freedom
         over_episodes = paired**2 / (table.shape[1] - 1)
         spread += (over_episodes + parts[:, None] + parts[None, :]) / tasks**4
-    difference[np.abs(difference) < 1e-12] = 0.0  # rounding of equal rows
+    difference[np.abs(difference) < 1e-12 * largest] = 0.0  # rounding of equal rows
     with np.errstate(divide="ignore", invalid="ignore"):
         freedom = np.where(variance > 0, variance**2 / spread, 1.0)
     return MeanDifferences(difference, variance, shared, freedom)

@@ -253,7 +253,7 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             # Our own words need no type before them, and the parent says whose they are.
             text = str(error) if kind is not wire.Frame.RAISED else errors.describe(error)
             if isinstance(error, errors.PolicyRaisedError):
-                (text,) = error.args
+                text = " ".join(map(str, error.args))
             answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)

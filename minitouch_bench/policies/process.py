@@ -140,9 +140,12 @@ class PolicyProcess:
     def _start(self, order: wire.StartOrder) -> None:
         """Have a child forked; a host that has ended is replaced, once."""
         for _ in range(2):
-            if self._host is None:
-                self._host = HostConnection(self._options.level)
-            channel = self._channel = EpisodeChannel()
+            try:
+                self._host = self._host or HostConnection(self._options.level)
+                channel = self._channel = EpisodeChannel()
+            except OSError as error:  # too many files are open, or there is no memory
+                text = f"no process can be started for the policy: {error}"
+                raise errors.InfrastructureError(text) from error
             try:
                 limit_s = self._limits.load_timeout_s
                 answer = self._host.order(order, limit_s, channel.descriptors)

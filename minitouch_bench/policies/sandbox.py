@@ -48,7 +48,7 @@ KEPT_VARIABLES = frozenset({*HOST_SETTINGS, "LANG", "LC_ALL", "LC_CTYPE", "TZ"})
 
 HOST_VARIABLES = KEPT_VARIABLES | {
     "PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME", "PYTHONPLATLIBDIR",
-    "PYTHONNOUSERSITE", "PYTHONUSERBASE", "PYTHONWARNINGS", "VIRTUAL_ENV", "TMPDIR",
+    "PYTHONUSERBASE", "PYTHONWARNINGS", "VIRTUAL_ENV", "TMPDIR",
 }  # fmt: skip
 """What the process it is forked from needs beside them, to start Python and import packages.
 

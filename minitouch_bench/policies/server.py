@@ -211,12 +211,15 @@ class RemotePolicy:
 
     def _call(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
         kind = "application/octet-stream" if path.endswith("/act") else "application/json"
-        self._connection.request(method, self._prefix + path, body, {"Content-Type": kind})
-        response = self._connection.getresponse()
-        content = response.read(MAX_ANSWER + 1)
-        if len(content) > MAX_ANSWER:
+        try:
+            self._connection.request(method, self._prefix + path, body, {"Content-Type": kind})
+            response = self._connection.getresponse()
+            content = response.read(MAX_ANSWER + 1)
+            if len(content) > MAX_ANSWER:
+                raise PolicyFaultError("the policy server's answer is longer than 64 KiB")
+        except Exception:
             self._connection.close()  # the next request opens it again
-            raise PolicyFaultError("the policy server's answer is longer than 64 KiB")
+            raise
         try:
             answer = json.loads(content)
         except (ValueError, RecursionError):

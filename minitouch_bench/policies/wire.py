@@ -318,7 +318,8 @@ class HostConnection:
         # In the sandbox a host has nothing in its environment that a policy must not learn.
         known = HOST_VARIABLES if isolation is Isolation.SANDBOX else os.environ.keys()
         kept = {name: value for name, value in os.environ.items() if name in known}
-        command = [sys.executable, "-P", "-u", "-m", "minitouch_bench.policies.forkserver"]
+        options = ["-P", "-u", *["-s"] * sys.flags.no_user_site]  # packages come from where ours do
+        command = [sys.executable, *options, "-m", "minitouch_bench.policies.forkserver"]
         with theirs:
             self.process = subprocess.Popen(
                 [*command, str(theirs.fileno()), str(os.getpid())],

@@ -64,8 +64,6 @@ MOST_BYTES = 64 * MIB
 
 LENGTH = (0.010, 0.125)
 """Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
-SHORTEST = 1e-6
-"""Length in the file's own unit below which a mesh cannot be measured."""
 SEEN_LENGTH = 0.04
 """Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
@@ -185,12 +183,11 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     moved = in_body_frame(simplified_solid(solid, BUILD.faces))
     factor = _fitting(moved) if config.fit else config.scale
     longest, (low, high) = 2.0 * float(np.abs(moved.vertices).max()), LENGTH
-    if longest < SHORTEST:
-        raise UnsoundError(Reason.SIZE, f"{longest:.1g} long, in whatever unit")
     if not low <= longest * factor <= high:
         units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
         hull = hull_of(moved.vertices)
-        most = 0.99 * min(high / longest, 1.0 / lying_excess(hull, rest_poses(hull)[0]))
+        excess = lying_excess(hull, rest_poses(hull)[0])
+        most = 0.99 * min(high / longest, 1.0 / excess if excess else math.inf)
         nearest = float(np.clip(factor, SEEN_LENGTH / longest, most)) / factor
         found = f"{in_mm(longest * factor)}, not {low * 1000:.0f} to {in_mm(high, 0)}"
         raise UnsoundError(Reason.SIZE, found, next(units, nearest))

@@ -215,7 +215,7 @@ def _isolation_mistake(header: RunHeader) -> str:
     kinds = {policy.kind for policy in header.policies()}
     if kinds & {"scripted", IN_MEMORY} and header.isolation != Isolation.NONE:
         return f"it is {header.isolation}; a scripted policy and one in memory have none"
-    if "remote" in kinds and header.isolation == Isolation.SANDBOX:
+    if kinds == {"remote"} and header.isolation == Isolation.SANDBOX:
         return "it is sandbox; a policy server's client needs the network"
     return ""
 

@@ -113,7 +113,7 @@ def test_a_resumed_training_has_every_setting_recorded(prepared, line):
 def test_events_are_written_into_no_other_folder(prepared):
     shutil.rmtree(prepared / "events", ignore_errors=True)
     (prepared / "events").symlink_to(mine(prepared).parent)
-    with pytest.raises(RunDirectoryError, match="events"):
+    with pytest.raises(InfrastructureError, match="events"):
         stop_at_once(prepared)
     assert [file.name for file in mine(prepared).parent.iterdir()] == ["letter.txt"]
 

@@ -154,9 +154,9 @@ def test_the_order_in_which_fresh_episodes_end_changes_nothing(found, monkeypatc
     """The seeds' episodes of one number are averaged."""
     tested = []
     monkeypatch.setattr(proving, "drop_together", tested.append)
-    for engine in (FailingEngine({"opening/1"}), BackwardsEngine({"opening/1"})):
+    for engine in (FailingEngine({"opening/0"}), BackwardsEngine({"opening/0"})):
         prover(found, engine).run_fresh(3, "a phrase")
-    assert [*tested[0].values()] == [[Values((1.0, 1.0), (1.0, 0.0, 1.0))]]
+    assert [*tested[0].values()] == [[Values((1.0, 1.0), (0.0, 1.0, 1.0))]]
     assert tested[0] == tested[1]
 
 

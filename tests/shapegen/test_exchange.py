@@ -116,7 +116,8 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     (given / "text.obj").write_text("Dear reader,\nthis is a letter.\n")
     (given / "empty.stl").touch()
     block(0.06, 0.06, 1e-6).export(str(given / "film.stl"))
-    block(1e-12, 1e-12, 1e-12).export(str(given / "dust.stl"))
+    for name, side in (("dust", 1e-12), ("grain", 1e-5)):
+        block(side, side, side).export(str(given / f"{name}.stl"))
     with (given / "huge.stl").open("wb") as file:
         file.truncate(500_000_084)  # ten million faces
     (given / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
@@ -129,11 +130,11 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     assert result.accepted == 1
     assert result.refused.keys() == {
         "nan.obj", "text.obj", "empty.stl", "huge.stl", "bomb.urdf", "single.urdf", "outer.urdf",
-        "film.stl", "dust.stl",
+        "film.stl", "dust.stl", "grain.stl",
     }  # fmt: skip
     assert "not a finite number" in result.refused["nan.obj"]
     assert "too thin" in result.refused["film.stl"]
-    assert "too long or too short" in result.refused["dust.stl"]
+    assert "too long or too short" in result.refused["grain.stl"]
     assert "larger than" in result.refused["huge.stl"]
     assert all("\n" not in reason for reason in result.refused.values())
     shapes = load_shape_set(folder)

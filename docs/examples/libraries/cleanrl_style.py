@@ -48,7 +48,7 @@ for update in range(UPDATES):
         log_probs.append(distribution.log_prob(action).sum(1))
         values.append(value)
         rewards.append(torch.as_tensor(reward, dtype=torch.float32))
-        played.append(1.0 - ended)  # the step after an end only resets, whatever the action
+        played.append(ended == 0.0)  # the step after an end only resets, whatever the action
         ended = torch.as_tensor(terminated | truncated, dtype=torch.float32)
         ends.append(ended)
     with torch.no_grad():

@@ -127,7 +127,8 @@ def test_levels_that_cannot_be_had_are_named_as_they_are():
     plan = make_plan("smoke")
     assert weakest([Isolation.SANDBOX, Isolation.PROCESS]) is Isolation.PROCESS
     assert PolicySetup(plan, zero).isolation_level() is Isolation.SANDBOX
-    assert PolicySetup(plan, zero, remote).isolation_level() is Isolation.PROCESS
+    assert PolicySetup(plan, zero, remote).isolation_level() is Isolation.SANDBOX
+    assert PolicySetup(plan, remote, remote).isolation_level() is Isolation.PROCESS
 
 
 def test_level_none_is_this_process(observation):
