@@ -8,6 +8,7 @@ CSV files of the experiment, from which ``experiments.analysis`` makes tables an
 import argparse
 import hashlib
 import os
+import signal
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -252,18 +253,14 @@ def run_grid(
     spawned = get_context("spawn")
     with ProcessPoolExecutor(workers, spawned, initializer=_end_with_parent) as pool:
         jobs = {pool.submit(finish_cell, design, cell, output): cell for cell in left}
-        try:
-            for job in as_completed(jobs):
-                cell = jobs[job]
-                try:
-                    add_rows(output, cell, job.result())
-                    print(cell.name, file=sys.stderr)
-                except mt.MiniTouchError as error:
-                    failed[cell] = str(error)
-                    print(f"{cell.name} failed: {error}", file=sys.stderr)
-        except KeyboardInterrupt:  # the executor would first finish the cells it has handed out
-            print("interrupted; the same command continues", file=sys.stderr)
-            os._exit(130)
+        for job in as_completed(jobs):
+            cell = jobs[job]
+            try:
+                add_rows(output, cell, job.result())
+                print(cell.name, file=sys.stderr)
+            except mt.MiniTouchError as error:
+                failed[cell] = str(error)
+                print(f"{cell.name} failed: {error}", file=sys.stderr)
     return failed
 
 
@@ -284,6 +281,8 @@ def main() -> None:
         "--only", nargs="+", default=["*"], help="cells, as in 'pushing-hac-[0-9]*'"
     )
     given = parser.parse_args()
+    # At Ctrl-C the executor would first finish the cells it has handed out.
+    signal.signal(signal.SIGINT, lambda *_: os._exit(130))
     output = given.output or Path("reports/studies") / given.design.stem
     sys.exit(1 if run_grid(given.design, output, given.workers, given.only) else 0)
 
