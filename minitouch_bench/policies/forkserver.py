@@ -250,10 +250,12 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
                 kind = wire.Frame.REFUSED
             elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID
-            # Our own words need no type before them, and the parent says whose they are.
-            text = str(error) if kind is not wire.Frame.RAISED else errors.describe(error)
-            if isinstance(error, errors.PolicyRaisedError):
+            if kind is not wire.Frame.RAISED:
+                text = str(error)
+            elif isinstance(error, errors.PolicyRaisedError):  # the parent says whose words
                 text = " ".join(map(str, error.args))
+            else:
+                text = errors.describe(error)
             answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
