@@ -250,15 +250,17 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
                 kind = wire.Frame.REFUSED
             elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID
-            if kind is not wire.Frame.RAISED:
-                text = str(error)
-            elif isinstance(error, errors.PolicyRaisedError):  # the parent says whose words
-                text = " ".join(map(str, error.args))
-            else:
-                text = errors.describe(error)
+            text = _in_words(error) if kind is wire.Frame.RAISED else str(error)
             answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
     close_policy(policy)
+
+
+def _in_words(error: BaseException) -> str:
+    """Say what a policy raised; of words that are told as the policy's, the parent says so."""
+    if isinstance(error, errors.PolicyRaisedError):
+        return " ".join(map(str, error.args))
+    return errors.describe(error)
 
 
 def main() -> None:
