@@ -280,8 +280,10 @@ def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
     donors = lengths[pd.MultiIndex.from_frame(before)].to_numpy()
     silent = (others["steps"] - donors).clip(lower=0).sum()
     yield (
-        "Forces of another episode: of the same control step; 0 N after its end, in "
-        f"{silent / others['steps'].sum():.2f} of the control steps."
+        "Forces of another episode: those that the policy felt in the same control step of the "
+        "episode before. After the end of that episode they are 0 N, which the policy never feels "
+        f"otherwise (a finger in free air reads 1.0 N): {silent / others['steps'].sum():.2f} of the "
+        "control steps."
     )
 
 

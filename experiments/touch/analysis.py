@@ -58,35 +58,51 @@ COLUMNS = [
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "not decided"
 UNTESTED, WAITING = "not tested", "waits for trainings"
 
+VARIANTS = (
+    "Five variants differ in where the finger forces are used:",
+    *table_lines(
+        ["Variant", "Rewarded while exploring", "The policy feels the forces"],
+        [
+            ["`hac`", "forces that the image does not predict", "yes"],
+            ["`hac-no-forces`", "the same", "no, in both phases"],
+            ["`rnd-touch`", "new images and touch", "yes"],
+            ["`rnd`", "new images", "yes"],
+            ["`rnd-no-forces`", "new images", "no, in both phases"],
+        ],
+        3,
+    ),
+)
+
 NOTES = (
-    "One-sided exact permutation tests of the sum over tasks of differences of means: within each "
-    "task every division of the seeds' values between the two arms counts once. One task alone can "
-    "decide the sum. *Explores* includes the touch share in Playing, which is close to what HaC is "
-    "paid for.",
+    "Each claim is one test of the sum, over its tasks, of the differences of means: exact, by "
+    "permutation of the seeds between the two variants within each task, one-sided. One task alone "
+    "can decide the sum. *Explores* includes the touch share in Playing, which is close to what "
+    "HaC is paid for.",
     "p: adjusted by Holm's method over all claims; one that waits for trainings counts as 1. So p "
-    "can only fall when more arms are finished: a decided claim stays decided, another can still "
-    "become so. A single task is tested only inside a decided claim, in its direction, with Holm's "
-    "method over the claim's tasks: the chance of a false result is at most 5 % in a claim, but "
-    "not over all single tasks.",
+    "can only fall when more variants are finished: a decided claim stays decided, another can "
+    "still become so. A single task is tested only inside a decided claim, in its direction, with "
+    "Holm's method over the claim's tasks: the chance of a false result is at most 5 % in a claim, "
+    "but not over all single tasks.",
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction. "
-    "The chance of any false claim is at most 5 % for each of the two words, where equal arms have "
-    "equal distributions and the values of one seed in several tasks are independent. Where an arm "
-    "fails in some seeds no bound is known: of an arm that fails in one of ten trainings, 0.19 of "
-    "all studies with two tasks and eight seeds see no failure.",
+    "The chance of one or more false confirmations is at most 5 %, and so is that of false "
+    "contradictions, if equal variants have equal distributions and the values of one seed in "
+    "several tasks are independent. Where a variant fails in some seeds no bound is known: a "
+    "variant that fails in one of ten trainings shows no failure in 0.19 of all studies with two "
+    "tasks and eight seeds.",
     f"{SHARED_NOTE} The first weights of a seed are also alike in all tasks. Where this makes its "
-    "values alike over tasks, but not over arms, the tests err more often. p, whole seeds: the "
-    "same test with the sum of each seed's values over tasks as one value, which does not depend "
-    "on that. It is shown beside, and no verdict comes from it.",
-    f"Detectable: the common difference that {100 * POWER:.0f} % of such studies show at the "
-    "strictest level of the correction, if seeds vary as here (normal values, simulated). In a "
-    "single task it supposes that the claim is decided, which it often is not where the claim's "
-    "other tasks differ less. A dash where neither arm of a task varies, or the worse arm leaves "
-    "no room for the difference.",
+    "values alike over tasks, but not over variants, the tests err more often. *p, whole seeds* "
+    "repeats the test with one value per seed, its sum over the tasks, so it does not need this "
+    "independence. No verdict uses it.",
+    f"Detectable: the difference in each task that {100 * POWER:.0f} % of such studies would "
+    "confirm at the strictest level of the correction (simulated, with normal values that vary as "
+    "these do). For a single task this also assumes that the whole claim is confirmed. A dash: the "
+    "values of both variants do not vary in a task, or the worse one leaves no room for the "
+    "difference.",
     "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
     "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
-    "[explores less than random actions](../../results/notebook.md#is-the-learner-right). An arm "
-    "without forces lacks them in both phases, so *to act* includes what felt forces do for "
-    "exploration.",
+    "[explores less than random actions](../../results/notebook.md#is-the-learner-right). A "
+    "variant without forces lacks them in both phases, so *to act* includes what felt forces do "
+    "for exploration.",
     "In the first 10,000 control steps of the task phase a penalty, which fades, keeps the "
     "policy near the exploration policy, so poor exploration costs success too. Settings and "
     "lengths were chosen with `hac`.",
@@ -103,12 +119,15 @@ NUMBER_NOTE = (
     "felt in both phases (acting). Each is the mean of the two comparisons that differ in it alone "
     "(Shapley's division). 95 % intervals over training seeds: Student's t, not corrected for the "
     "number of intervals, too narrow where few seeds fail. Seeds are taken as independent between "
-    "arms: where those of one curiosity are alike, the interval of *exploring* is too narrow."
+    "variants: where those of one curiosity are alike, the interval of *exploring* is too narrow."
 )
 
 RELIANCE_NOTE = (
-    "This is what finished policies use, not what a policy would have learned without it. Means "
-    f"with 95 % intervals: {OVER_SEEDS}; with one seed over its episodes."
+    "How finished policies act when forces are frozen, late or exchanged. A drop can mean that the "
+    "policy uses the forces, or that their combination with the other senses is new to it; it does "
+    "not show what a policy would have learned without forces. A seed that learned nothing counts "
+    f"with a change of 0. Means with 95 % intervals, not corrected for their number: {OVER_SEEDS}; "
+    "with one seed over its episodes."
 )
 
 FELT = "forces felt"
@@ -319,10 +338,10 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
     cells, seeds = {*cells_of(design)}, len(design["seeds"])
     state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
     arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
-    lines = ["# What is touch for?", "", f"{state}. Arms with all {seeds} seeds: {arms}.", ""]
+    lines = ["# What is touch for?", "", f"{state}. Variants with all {seeds} seeds: {arms}.", ""]
     if FELT in {*numbers["part"]}:
         lines += [answer(design, judged, numbers), ""]
-    lines += [*_claim_lines(design, judged), *_number_lines(design, numbers), ""]
+    lines += [*VARIANTS, "", *_claim_lines(design, judged), *_number_lines(design, numbers), ""]
     lines += _reliance_lines(design, read_rows(directory, "episodes"))
     return TouchResults("\n".join(lines) + "\n", judged, numbers)
 
@@ -345,7 +364,7 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFram
         "**HaC's policies that feel the finger forces, less those that do not: success "
         f"{worth}** (means of {len(design['seeds'])} training seeds each, 95 % intervals, too "
         "narrow where few seeds fail; the forces are felt or not in both phases, HaC's curiosity "
-        "has them in both arms). That forces which are felt help, in the sum of these tasks, is "
+        "has them in both variants). That forces which are felt help, in the sum of these tasks, is "
         f"{pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}."
     )
 
@@ -380,7 +399,7 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                     row.verdict,
                 ]
             )
-    heads = ["Claim", "Arms", "Means over seeds and tasks", "Detectable", "p", "p, whole seeds"]
+    heads = ["Claim", "Variants", "Means over seeds and tasks", "Detectable", "p", "p, whole seeds"]
     heads += ["Verdict"]
     notes = ["", *(f"- {note}" for note in NOTES)]
     return ["## Claims", *table_lines(heads, rows, 2), *notes, ""]
@@ -395,7 +414,7 @@ def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]
     table = table_lines(["Task", "Metric", *PARTS], rows, 2)
     lines = ["## The touch number", *table, "", f"- {NUMBER_NOTE}"]
     if len(numbers):
-        lines += ["", "![Differences between arms, 95 % intervals](figures/touch-number.svg)"]
+        lines += ["", "![Differences between variants, 95 % intervals](figures/touch-number.svg)"]
     return lines
 
 
@@ -414,7 +433,7 @@ def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[s
         "## What finished policies rely on",
         "",
         f"Change of success in the first {design['reliance']['episodes']} official episodes:",
-        *table_lines(["Task", "Arm", "Seeds", *played], rows, 2),
+        *table_lines(["Task", "Variant", "Seeds", *played], rows, 2),
         "",
         *(f"- {note}" for note in notes),
     ]
@@ -435,7 +454,7 @@ def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
                 axes.plot([row.low, row.high], [place] * 2, color=COLORS[place], linewidth=2)
                 axes.plot(row.value, place, "o", color=COLORS[place])
             title = f"{task_title(row.task)}: {METRICS[row.metric].label.lower()}"
-            axes.set(title=title, xlabel="difference between arms", xlim=(-1.05, 1.05))
+            axes.set(title=title, xlabel="difference between variants", xlim=(-1.05, 1.05))
             axes.set_yticks(range(len(parts)), parts)
             axes.set_ylim(len(parts) - 0.5, -0.5)
         figure.savefig(file, metadata={"Date": None, "Creator": None})
