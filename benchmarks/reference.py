@@ -141,17 +141,17 @@ def python_api() -> str:
 
 
 def _function(name: str, function: Callable[..., Any], heading: str = "##") -> Iterator[str]:
-    given = inspect.signature(function).parameters.values()
-    parameters = [each for each in given if each.name != "self"]
+    signature = inspect.signature(function)
+    parameters = [each for each in signature.parameters.values() if each.name != "self"]
     kinds = [each.kind for each in parameters]
     shown = [_parameter(each) for each in parameters]
     if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
         shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
-    line = f"{name}({', '.join(shown)})"
+    line, returned = f"{name}({', '.join(shown)})", _type(signature.return_annotation)
     if len(line) > LONGEST_SIGNATURE:
         line = "{}(\n{}\n)".format(name, "\n".join(f"    {each}," for each in shown))
     yield f"{heading} {name}"
-    yield f"```python\n{line}\n```"
+    yield f"```python\n{line} -> {returned}\n```"
     yield from _docstring(function)
 
 
@@ -218,8 +218,8 @@ def training_settings() -> str:
         "ours give all but one, 9 in place of 8); both phases have the one printed learning rate "
         "and a learned alpha, although 7.3 says that alpha and the learning rate change; and the "
         "task phase is longer than the 5,000 to 10,000 steps that suffice in Pushing and Pick-up "
-        "by 7.6. `default` is what learned best in the measurements in the "
-        "[notebook](../results/notebook.md#settings-that-were-measured).",
+        "by 7.6. `default` was chosen by trials with `hac`, mostly of one training each: the "
+        "[notebook](../results/notebook.md#settings-that-were-measured) says what was measured.",
         "Lengths of the phases depend on the task; the tables have those of Pushing. Exploration "
         "and task phase, control steps: "
         + "; ".join(f"{task_title(t)} {a:,} + {b:,}" for t, (a, b) in PHASE_STEPS.items())

@@ -282,8 +282,8 @@ def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
     yield (
         "Forces of another episode: those that the policy felt in the same control step of the "
         "episode before. After the end of that episode they are 0 N, which the policy never feels "
-        f"otherwise (a finger in free air reads 1.0 N): {silent / others['steps'].sum():.2f} of the "
-        "control steps."
+        "otherwise (a finger in free air reads 1.0 N): "
+        f"{silent / others['steps'].sum():.2f} of the control steps."
     )
 
 

@@ -364,8 +364,8 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFram
         "**HaC's policies that feel the finger forces, less those that do not: success "
         f"{worth}** (means of {len(design['seeds'])} training seeds each, 95 % intervals, too "
         "narrow where few seeds fail; the forces are felt or not in both phases, HaC's curiosity "
-        "has them in both variants). That forces which are felt help, in the sum of these tasks, is "
-        f"{pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}."
+        "has them in both variants). That forces which are felt help, in the sum of these tasks, "
+        f"is {pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}."
     )
 
 

@@ -52,7 +52,7 @@ def train(
     ] = None,
     preset: Annotated[
         str,
-        typer.Option(help="default (what learned best) or paper (values of the supplement)."),
+        typer.Option(help="default (chosen by trials) or paper (values of the supplement)."),
     ] = "default",
     config: Annotated[
         Path | None,

@@ -7,7 +7,6 @@ import contextlib
 import random
 import signal
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NoReturn
@@ -89,7 +88,7 @@ class PolicyProcess:
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(wire.StartOrder(part, task, seed, self._options))
         limit_s = self._limits.load_timeout_s
-        deadline = time.monotonic() + limit_s
+        deadline = wire.CLOCK.now() + limit_s
         self._await_confined(deadline)
         late = f"it was not loaded within {limit_s:g} s"
         try:
@@ -112,7 +111,7 @@ class PolicyProcess:
             InfrastructureError: the host process ended.
         """
         limit_s = self._limits.act_timeout_s
-        deadline, late = time.monotonic() + limit_s, f"no action within {limit_s:g} s"
+        deadline, late = wire.CLOCK.now() + limit_s, f"no action within {limit_s:g} s"
         question = wire.pack_observation(observation)
         payload = self._ask(wire.Frame.ACT, question, wire.Frame.ACTION, deadline, late)
         try:
@@ -181,7 +180,7 @@ class PolicyProcess:
     ) -> bytes:
         """Return what the child answers, or end the child and raise what went wrong."""
         assert self._channel is not None
-        began = time.monotonic()
+        began = wire.CLOCK.now()
         if began + self._left_s < deadline:
             deadline = began + self._left_s
             late = f"its episode took more than {self._limits.episode_timeout_s:g} s"
@@ -194,7 +193,7 @@ class PolicyProcess:
             raise self._exit_error() from None
         except wire.WireError as error:
             self._break_off(error)
-        self._left_s -= time.monotonic() - began
+        self._left_s -= wire.CLOCK.now() - began
         if kind is not wanted:
             self._refuse_answer(request, kind, payload)
         # On a stream packets can come together; a packet's first byte is no printable character.

@@ -207,21 +207,48 @@ class OutputPipe:
         self._reader.close()
 
 
+class RunningClock:
+    """Seconds that do not pass while this process is stopped: Ctrl-Z, or a machine that sleeps.
+
+    A wait is divided: what one part takes more than twice its time was not the policy's.
+    """
+
+    PART_S = 1.0
+
+    def __init__(self) -> None:
+        self._stopped_s = 0.0
+
+    def now(self) -> float:
+        """Return the time in seconds."""
+        return time.monotonic() - self._stopped_s
+
+    def poll(self, poll: select.poll, longest_s: float) -> set[int]:
+        """Return the descriptors that are ready, after PART_S at most."""
+        part_s, began = min(longest_s, self.PART_S), time.monotonic()
+        ready = {number for number, _ in poll.poll(part_s * 1000)}
+        late_s = time.monotonic() - began - part_s
+        if late_s > self.PART_S:
+            self._stopped_s += late_s
+        return ready
+
+
+CLOCK = RunningClock()
+"""Of all deadlines of policies."""
+
+
 def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bool:
-    """Wait for a descriptor until a ``time.monotonic`` deadline, taking output; False if late."""
+    """Wait for a descriptor until a deadline of CLOCK, taking output; False if late."""
     poll = select.poll()
     poll.register(output, select.POLLIN)
     for descriptor in readable:
         poll.register(descriptor, select.POLLIN)
-    while True:
-        left = deadline - time.monotonic()
-        if left <= 0:
-            return False
-        ready = {number for number, _ in poll.poll(left * 1000)}
+    while (left_s := deadline - CLOCK.now()) > 0:
+        ready = CLOCK.poll(poll, left_s)
         if ready - {output.fileno()}:
             return True
         if ready and not output.take():
             poll.unregister(output)
+    return False
 
 
 def _packet_pair() -> tuple[socket.socket, socket.socket]:
@@ -346,7 +373,7 @@ class HostConnection:
         self._in_order = True
         try:
             socket.send_fds(self._control, [msgspec.json.encode(order)], descriptors)
-            deadline = time.monotonic() + timeout_s
+            deadline = CLOCK.now() + timeout_s
             if not wait_for((self._control.fileno(),), self.output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
             packet = self._control.recv(MAX_PAYLOAD)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import minitouch_bench as mt
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import ARCHITECTURES, KeypointActor
 from tests.reporting.synthetic import make_run, write
@@ -47,6 +48,8 @@ def test_a_recipe_runs_unchanged(recipe, tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
+    for policy in tmp_path.glob("pushing.*"):
+        mt.evaluate(str(policy), tasks=["pushing"], episodes=1, output=tmp_path / "run")
 
 
 def test_the_page_shows_every_recipe():

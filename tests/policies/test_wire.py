@@ -1,3 +1,8 @@
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
 
@@ -37,3 +42,25 @@ def test_an_exception_that_cannot_speak_is_still_named():
     assert describe(MuteError()) == "MuteError"
     assert describe(ValueError("no\nway")) == "ValueError: no way"
     assert describe(ValueError()) == "ValueError"
+
+
+WAITS = """
+import os, time
+from minitouch_bench.policies.wire import CLOCK, OutputPipe, wait_for
+silent, _ = os.pipe()
+began = time.monotonic()
+print("waits", flush=True)
+assert not wait_for((silent,), OutputPipe(), CLOCK.now() + 2.0)
+print(time.monotonic() - began)
+"""
+
+
+def test_a_deadline_does_not_run_while_the_evaluation_is_stopped():
+    with subprocess.Popen([sys.executable, "-c", WAITS], stdout=subprocess.PIPE, text=True) as one:
+        assert one.stdout.readline() == "waits\n"
+        time.sleep(0.5)  # it waits now
+        one.send_signal(signal.SIGSTOP)
+        time.sleep(4.0)
+        one.send_signal(signal.SIGCONT)
+        took = float(one.stdout.read())
+    assert took > 5.4  # 0.5, then 4 of which one second counts, then the last second
