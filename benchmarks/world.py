@@ -88,7 +88,7 @@ def look_at_resets(environment: MiniTouchEnv, count: int) -> str:
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         observation, _ = environment.reset(seed=seed)
         seen, image = environment._camera.visible_bodies(environment.client), observation["image"]
-        pixels.append(min((seen == body).sum() for body in environment.task.landmarks))
+        pixels.append(min((seen == body).sum() for body in environment.task.visible_bodies))
         shown = seen == environment.task.target_body
         table = image[0][seen == TABLE]
         contrasts.append(abs(float(image[0][shown].mean()) - float(np.median(table))))

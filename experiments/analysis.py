@@ -14,7 +14,7 @@ import pandas as pd
 
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
-from experiments.grid import KEY, cells_of, finished_cells, read_design
+from experiments.grid import KEY, cells_of, check_lock, finished_cells, read_design
 from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
@@ -358,8 +358,10 @@ def main() -> None:
     else:
         usual = Path("reports/studies") / given.design.stem
         pairs = [(given.design, given.directory or usual)]
-    for design, directory in pairs:
-        write_results(read_design(design), directory)
+    for file, directory in pairs:
+        design = read_design(file)
+        check_lock(design, directory)
+        write_results(design, directory)
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ def evaluate(
     )
     header = header_of(setup)
     directory = None if output is None else Path(output)
-    if str(output) == AUTO_OUTPUT:
+    if output == AUTO_OUTPUT:
         directory = files.REPORTS / run_name(header)
     with (
         showing,
@@ -135,7 +135,7 @@ def evaluate(
         run = play(setup, opened, running, callbacks)
         if directory:
             with resumable(directory):
-                write_views(run, directory, files.list_videos(directory))
+                write_views(run, directory)
                 if video or replays:
                     film_run(
                         run,
@@ -145,7 +145,7 @@ def evaluate(
                         workers=running.workers,
                         callbacks=callbacks,
                     )
-                    write_views(run, directory, files.list_videos(directory))
+                    write_views(run, directory)
     return run
 
 

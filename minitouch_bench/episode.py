@@ -202,9 +202,6 @@ class Episode:
 IN_MEMORY = "in memory"
 """The kind of a policy that was given as an object."""
 
-NOT_IN_SANDBOX = ("scripted", IN_MEMORY, "remote")
-"""Kinds of policies that run outside the sandbox, whatever is asked for."""
-
 
 @dataclass(frozen=True)
 class PolicyIdentity:

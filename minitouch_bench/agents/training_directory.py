@@ -88,8 +88,10 @@ def run_training(
         raise UsageError("choose one of --resume and --fresh")
     chosen = choose_device(device)
     keep_freed_memory()
-    torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+    threads = torch.get_num_threads()
     with files.lock_directory(directory), ExitStack() as stack:
+        stack.callback(torch.set_num_threads, threads)
+        torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:

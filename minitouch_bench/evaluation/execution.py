@@ -69,8 +69,8 @@ def open_run(
     Raises:
         UsageError: both ``resume`` and ``fresh``.
         RunDirectoryError: it holds a run and neither was asked for, or a run of other
-            settings; the text names the differences. Or it holds other files and no run.
-        InfrastructureError: the disk is full.
+            settings; the text names the differences. Or it holds other files and no run; or it
+            cannot be written.
     """
     if resume and fresh:
         raise errors.UsageError("choose one of --resume and --fresh")

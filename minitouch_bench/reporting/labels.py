@@ -9,14 +9,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from minitouch_bench.episode import NOT_IN_SANDBOX
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.tables import Cell, Gauge
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.runs.run import Run, RunHeader, is_isolation_chosen
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"
@@ -290,9 +289,9 @@ def task_title(task: str) -> str:
 
 
 def tasks_in_order(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return the tasks that any of the runs has, in the paper's order, others after them."""
-    present = {task.task: None for run in runs for task in run.summary.tasks if task.estimates}
-    return (*(task for task in TASKS if task in present), *(t for t in present if t not in TASKS))
+    """Return the tasks that any of the runs has, in the paper's order."""
+    present = {task.task for run in runs for task in run.summary.tasks if task.estimates}
+    return tuple(task for task in TASKS if task in present)
 
 
 def reproduce_command(header: RunHeader) -> str:
@@ -301,7 +300,7 @@ def reproduce_command(header: RunHeader) -> str:
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
     kinds = {policy.kind for policy in header.policies()}
-    is_chosen = header.isolation != "sandbox" and not kinds & set(NOT_IN_SANDBOX)
+    is_chosen = is_isolation_chosen(kinds, header.isolation)
     if is_chosen:
         words += ["--isolation", header.isolation]
     if is_chosen or "factory" in kinds:

@@ -126,15 +126,16 @@ def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[st
 # Pages
 
 
-def write_views(run: Run, directory: Path, videos: Sequence[Path] = ()) -> None:
-    """Write ``episodes.csv`` and ``report.html`` of a run.
+def write_views(run: Run, directory: Path) -> None:
+    """Write ``episodes.csv`` and ``report.html`` of a run, with the videos in its directory.
 
     Raises:
         RunDirectoryError: one cannot be written.
     """
     rows = tables.rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
     files.write_file(directory / files.EPISODES_FILE, rows)
-    report = build_report([run], find_videos(videos, directory), directory=directory)
+    videos = find_videos(files.list_videos(directory), directory)
+    report = build_report([run], videos, directory=directory)
     write_page(report, directory)
 
 

@@ -1,5 +1,6 @@
 """What a run plays: the plan that its header holds, and the episodes that follow from it."""
 
+import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -256,16 +257,17 @@ def make_plan(
     chosen = choose_episodes(episodes_from, known)
     if chosen and (tasks is not None or episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
-    number = known.episodes_per_task if episodes is None else episodes
-    if not 1 <= number <= MAX_EPISODES or (seed or 0) < 0:
+    number = known.episodes_per_task if episodes is None else operator.index(episodes)
+    seed = known.seed if seed is None else operator.index(seed)
+    if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     if objects is not None and not chosen and tasks is None:
         tasks = [task for task in known.tasks if PROTOCOL.task(task).default_objects]
     plan = Plan(
         suite,
-        choose_tasks(_tasks_of(chosen) or tasks, known),
+        choose_tasks([key.partition("/")[0] for key in chosen] or tasks, known),
         number,
-        known.seed if seed is None else seed,
+        seed,
         chosen,
         conditions,
         limits,
@@ -274,10 +276,6 @@ def make_plan(
     if plan.objects and (mistake := plan.objects.mistake(plan.tasks)):
         raise UsageError(f"{mistake}: leave it out, or leave out --objects")
     return plan
-
-
-def _tasks_of(chosen: Sequence[str]) -> list[str]:
-    return [key.partition("/")[0] for key in chosen]
 
 
 def choose_tasks(asked: Sequence[str] | None, suite: SuiteSpec) -> tuple[str, ...]:

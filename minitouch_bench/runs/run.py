@@ -86,16 +86,21 @@ class RunHeader:
         )
 
 
+def is_isolation_chosen(kinds: set[str], isolation: str) -> bool:
+    """Tell whether a user asked for this isolation: it is not what policies of these kinds get."""
+    needed = {"process": kinds == {"remote"}, "none": kinds == {"scripted"}}
+    return IN_MEMORY not in kinds and not needed.get(isolation, True)
+
+
 def make_header(
     plan: Plan, policy: PolicyIdentity, exploration: PolicyIdentity | None, isolation: str
 ) -> RunHeader:
     """Return the header of a run of this plan, under this installation's protocol."""
     kinds = {identity.kind for identity in (policy, exploration) if identity is not None}
-    needed = {"process": kinds == {"remote"}, "none": kinds == {"scripted"}}
     reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
         reasons += ("policy in memory, beside the simulator",)
-    elif not needed.get(isolation, True):
+    elif is_isolation_chosen(kinds, isolation):
         reasons += (f"isolation: {isolation}",)
     return RunHeader(
         protocol=PROTOCOL.name,

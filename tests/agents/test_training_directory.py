@@ -54,9 +54,10 @@ def second_name(file, target):
 
 
 WRITTEN = (
-    "replay.bin", "checkpoint.pt", "progress.csv", "config.toml", "report.html",
-    "exploration.safetensors", "final.safetensors",
+    "exploration.safetensors", "replay.bin", "checkpoint.pt", "progress.csv", "config.toml",
+    "report.html", "final.safetensors",
 )  # fmt: skip
+"""The first one is written in the middle of the training, the others also at its end."""
 
 
 @pytest.mark.parametrize("plant", [symbolic_link, second_name])

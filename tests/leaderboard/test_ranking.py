@@ -13,7 +13,7 @@ from minitouch_bench.leaderboard.ranking import (
     seeds_to_decide,
     share_p_values,
 )
-from minitouch_bench.metrics.intervals import mean_differences, mean_p_values
+from minitouch_bench.metrics.intervals import MeanDifferences, mean_differences, mean_p_values
 from minitouch_bench.metrics.statistics import holm
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
@@ -196,6 +196,16 @@ def test_so_many_seeds_find_the_difference_in_four_of_five_repetitions():
     tables = [table_of(rng, 6, (0.6, 0.5)) for _ in range(100)]
     lucky = [rows for rows in tables if abs(rows[0].mean() - rows[1].mean() - true) < 0.02]
     assert needed / 2 < np.median([decide(rows, 0.05 / 3) for rows in lucky]) < needed * 2
+
+
+def test_a_difference_for_which_scipy_gives_nan_is_found():
+    difference, seeds = 0.3, 3
+    variance = (difference / 4.0) ** 2
+    found = MeanDifferences(
+        np.array([[0.0, difference], [-difference, 0.0]]),
+        np.full((2, 2), variance), np.zeros((2, 2)), np.full((2, 2), 4.0),
+    )  # fmt: skip
+    assert seeds_to_decide(found, (0, 1), (seeds, seeds), 0.05 / 6) == 5
 
 
 def test_no_number_of_seeds_is_made_up():

@@ -65,6 +65,12 @@ def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
     policy = replace(scripted.header.policy, kind="scripted")  # which runs there in any case
     beside = replace(scripted.header, policy=policy, isolation="none")
     assert "--isolation" not in reproduce_command(beside)
+    remote = replace(hac.header.policy, kind="remote")
+    chosen = replace(hac.header, policy=remote, isolation="process")  # of the exploration policy
+    assert reproduce_command(chosen).endswith("--isolation process --trust")
+    alone = replace(chosen, exploration=None)
+    assert "--isolation" not in reproduce_command(alone)
+    assert "--isolation none" in reproduce_command(replace(alone, isolation="none"))
     explored = replace(hac.header.exploration, kind="factory")
     assert reproduce_command(replace(hac.header, exploration=explored)).endswith("--trust")
 

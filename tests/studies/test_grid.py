@@ -14,6 +14,7 @@ import pytest
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
 from experiments.row import collect, join_arm
+from tests.process_tree import descendants, is_alive, wait_until
 
 ROOT = Path(__file__).parents[2]
 DESIGN = """
@@ -100,9 +101,10 @@ def test_ctrl_c_ends_a_grid_at_once(design, tmp_path):
     while not (output / "playing-hac-60-0" / "checkpoint.pt").exists():
         assert process.poll() is None
         time.sleep(0.02)
+    family = descendants(process.pid)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     assert process.wait(60) == 130
-    time.sleep(1)  # its worker ends with it
+    wait_until(lambda: not any(map(is_alive, family)))
     assert not [*output.glob("*/final.safetensors")]
     assert not (output / "opening-rnd-60-0").exists()
 

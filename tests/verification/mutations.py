@@ -94,7 +94,7 @@ def sound_run(directory: Path) -> tuple[PlayedEpisode, ...]:
     write_file(directory / RUN_FILE, run_json(run))
     (directory / "videos").mkdir()
     (directory / "videos" / "pushing-0.mp4").write_bytes(b"video")
-    write_views(run, directory, [directory / "videos" / "pushing-0.mp4"])
+    write_views(run, directory)
     return tuple(records)
 
 

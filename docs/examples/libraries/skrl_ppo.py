@@ -45,7 +45,8 @@ class Value(DeterministicMixin, Network):
         return self.run(inputs), {}
 
 
-env = wrap_env(gymnasium.make_vec("minitouch_bench:MiniTouch/Pushing-v1", num_envs=2))
+# One environment: of several, skrl would also learn from the steps that only reset one of them.
+env = wrap_env(gymnasium.make("minitouch_bench:MiniTouch/Pushing-v1"))
 spaces = {
     "observation_space": env.observation_space,
     "action_space": env.action_space,
@@ -54,7 +55,7 @@ spaces = {
 agent = PPO(
     models={"policy": Policy(**spaces), "value": Value(**spaces)},
     memory=RandomMemory(memory_size=50, num_envs=env.num_envs, device=env.device),
-    cfg=PPO_CFG(rollouts=50, learning_epochs=2, mini_batches=2),
+    cfg=PPO_CFG(rollouts=50, learning_epochs=2, mini_batches=2, time_limit_bootstrap=True),
     **spaces,
 )
 SequentialTrainer(env=env, agents=agent, cfg={"timesteps": 150}).train()
