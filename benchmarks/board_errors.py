@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.leaderboard.ranking import judge_pairs, ranks_of, share_p_values
+from minitouch_bench.metrics.intervals import mean_differences
 from minitouch_bench.metrics.statistics import ALPHA
 
 Floats = NDArray[np.float64]
@@ -73,7 +74,7 @@ def simulate(methods: tuple[Method, ...], boards: int, better: float) -> tuple[f
             play(rng, method(rng, better if index == 0 else 0.0), ease)
             for index, method in enumerate(methods)
         ]
-        p_values = share_p_values(rows)
+        p_values = share_p_values(rows, mean_differences([rows]))
         _, better_rows = judge_pairs(np.array([row.mean() for row in rows]), p_values)
         ranks = ranks_of(better_rows)
         apart += float(np.mean(p_values[pairs] <= ALPHA))

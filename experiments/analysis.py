@@ -135,7 +135,7 @@ def changes_of(episodes: pd.DataFrame) -> pd.DataFrame:
         index = pd.MultiIndex.from_frame(group[[*KEY, "index"]])
         pair = (won.to_numpy(float) for won in (standard[index], group["success"]))
         named = (*cell, "table4", conditions, f"success{CHANGE}")
-        rows.append((*named, *astuple(tango(count_discordance(*pair)))))
+        rows.append((*named, *astuple(tango(*count_discordance(*pair)))))
     return pd.DataFrame(rows, columns=[*KEY, "suite", "conditions", "metric", *ESTIMATE])
 
 

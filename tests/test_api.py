@@ -165,16 +165,6 @@ def test_a_torch_module_gives_the_bits_of_its_checkpoint(tmp_path):
     assert [run.header.isolation for run in runs] == ["none", "sandbox"]
 
 
-def test_a_model_of_stable_baselines_gives_the_bits_of_its_zip(tmp_path):
-    sb3 = pytest.importorskip("stable_baselines3")
-    from tests.policies.recipes import StillEnvironment
-
-    model = sb3.SAC("MultiInputPolicy", StillEnvironment(5), buffer_size=10, seed=1, device="cpu")
-    model.save(tmp_path / "model.zip")
-    runs = [mt.evaluate(policy, **SHORT, workers=1) for policy in (model, tmp_path / "model.zip")]
-    assert list(runs[0].episodes["digest"]) == list(runs[1].episodes["digest"])
-
-
 def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     run = mt.evaluate("scripted", **SHORT, workers=1, output=tmp_path / "run")
     loaded = mt.load_run(tmp_path / "run")

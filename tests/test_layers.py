@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -135,3 +136,22 @@ def test_the_command_line_loads_what_a_command_needs_when_it_runs():
     heavy = {"torch", "pybullet", "matplotlib", "pandas", "scipy", "trimesh", "coacd", "jinja2"}
     heavy |= {"markdown_it", "pygments"}
     assert not loaded_by("minitouch_bench.commands.app") & heavy
+
+
+# One word, one meaning: no two modules, and no two public classes, of one name
+
+
+def test_no_two_modules_have_one_name():
+    # Modules of commands/ are named after a command, as the module that does the work.
+    paths = [path for name, path in modules().items() if not name.startswith("commands/")]
+    assert repeated(path.stem for path in paths if not path.stem.startswith("__")) == []
+
+
+def test_no_two_public_classes_have_one_name():
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in modules().values()]
+    defined = [node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)]
+    assert repeated(name for name in defined if not name.startswith("_")) == []
+
+
+def repeated(names):
+    return [name for name, count in Counter(names).items() if count > 1]

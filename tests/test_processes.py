@@ -77,10 +77,6 @@ def blame_the_user(path):
     raise UsageError("no such thing")
 
 
-def double(number):
-    return 2 * number
-
-
 def stay(path):
     Path(path).write_text(str(os.getpid()))
     time.sleep(1000)
@@ -181,15 +177,6 @@ def test_workers_end_with_their_parent_and_never_see_ctrl_c(tmp_path, number):
 # Interrupts
 
 
-@pytest.fixture
-def ctrl_c():
-    """Answer Ctrl-C as usual, and afterwards as before: a shell's background job ignores it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_waits_for_the_end_of_the_block():
     done = []
 
@@ -203,7 +190,6 @@ def test_ctrl_c_waits_for_the_end_of_the_block():
     assert done == ["whole"]
 
 
-@pytest.mark.usefixtures("ctrl_c")
 def test_what_is_started_meanwhile_never_sees_ctrl_c():
     code = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
     with interrupts_held():

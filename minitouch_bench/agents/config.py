@@ -1,40 +1,33 @@
 """The settings of a training, as one frozen value that a TOML file can contain."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from minitouch_bench.agents import METHODS
+from minitouch_bench.episode import Count
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.json_io import read_toml, take_table
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-LEAST_REPLAY = 1000
-"""Rows of the memory at the least: the episode under way must be in it."""
-
-ANY, POSITIVE, SHARE = (0, math.inf), (1, math.inf), (0, 1)
-ABOVE_ZERO, ENTROPY = (1e-9, 1e9), (-1e3, 1e3)
-BATCH, N_STEP = (1, 65_536), (1, 1000)
-WIDTH = (1 / 32, 1)
-"""Ranges of settings, both ends included; channels are scaled down from those of Table 3."""
+Steps = Annotated[int, Meta(ge=0)]
+Positive = Annotated[int, Meta(ge=1)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Rate = Annotated[float, Meta(ge=0, le=1e9)]
+Entropy = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Width = Annotated[float, Meta(ge=1 / 32, le=1)]
+"""Ranges of settings; channels are scaled down from those of Table 3."""
 
 
 def _check(what: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
         raise UsageError(f"no {what} '{value}'; there are {', '.join(known)}")
-
-
-def _check_ranges(settings: object, **ranges: tuple[float, float]) -> None:
-    for name, (low, high) in ranges.items():
-        value = getattr(settings, name)
-        if not low <= value <= high:
-            possible = f"{low} or more" if high == math.inf else f"{low} to {high}"
-            raise UsageError(f"'{name}' is {value}; it can be {possible}")
 
 
 @dataclass(frozen=True)
@@ -58,29 +51,20 @@ class PhaseConfig:
     policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
     """
 
-    steps: int
-    learning_rate: float = 3e-4
-    initial_temperature: float = 0.1
-    target_entropy: float = -1.0
-    final_target_entropy: float = -1.0
-    entropy_steps: int = 0
-    reward_scale: float = 1.0
-    n_step: int = 1
-    success_share: float = 0.0
-    updates_per_step: float = 1.0
-    keypoint_updates: int = 0
-    fitting_updates: int = 0
-    prior_weight: float = 0.0
-    prior_steps: int = 0
-
-    def __post_init__(self) -> None:
-        _check_ranges(
-            self, steps=ANY, learning_rate=(0, 1e9), initial_temperature=ABOVE_ZERO,
-            target_entropy=ENTROPY, final_target_entropy=ENTROPY, entropy_steps=ANY,
-            reward_scale=(-1e9, 1e9), n_step=N_STEP, success_share=SHARE,
-            updates_per_step=(0, 1000), keypoint_updates=ANY, fitting_updates=ANY,
-            prior_weight=ANY, prior_steps=ANY,
-        )  # fmt: skip
+    steps: Steps
+    learning_rate: Rate = 3e-4
+    initial_temperature: Annotated[float, Meta(ge=1e-9, le=1e9)] = 0.1
+    target_entropy: Entropy = -1.0
+    final_target_entropy: Entropy = -1.0
+    entropy_steps: Steps = 0
+    reward_scale: Annotated[float, Meta(ge=-1e9, le=1e9)] = 1.0
+    n_step: Annotated[int, Meta(ge=1, le=1000)] = 1
+    success_share: Share = 0.0
+    updates_per_step: Annotated[float, Meta(ge=0, le=1000)] = 1.0
+    keypoint_updates: Steps = 0
+    fitting_updates: Steps = 0
+    prior_weight: Rate = 0.0
+    prior_steps: Steps = 0
 
     def prior_weight_at(self, step: int) -> float:
         """Return the weight of the prior after ``step`` control steps of the phase."""
@@ -104,19 +88,13 @@ class SacConfig:
     has none. ``bfloat16``: encode in half precision where the processor can.
     """
 
-    batch_size: int = 128
-    discount: float = 0.99
-    encoder_width: float = 1.0
-    target_rate: float = 0.01
-    shift: int = 4
+    batch_size: Annotated[int, Meta(ge=1, le=65_536)] = 128
+    discount: Share = 0.99
+    encoder_width: Width = 1.0
+    target_rate: Share = 0.01
+    shift: Annotated[int, Meta(ge=0, le=PROTOCOL.observation.image_size)] = 4
     target_encoder: bool = False
     bfloat16: bool = True
-
-    def __post_init__(self) -> None:
-        _check_ranges(
-            self, batch_size=BATCH, discount=SHARE, encoder_width=WIDTH,
-            target_rate=SHARE, shift=(0, PROTOCOL.observation.image_size),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -127,13 +105,10 @@ class CuriosityConfig:
     reward by its standard deviation over the last 100 batches, ``hac``'s over all.
     """
 
-    learning_rate: float = 3e-4
-    width: float = 0.25
+    learning_rate: Rate = 3e-4
+    width: Width = 0.25
     normalize: bool = True
     bfloat16: bool = True
-
-    def __post_init__(self) -> None:
-        _check_ranges(self, learning_rate=(0, 1e9), width=WIDTH)
 
 
 @dataclass(frozen=True)
@@ -157,18 +132,18 @@ class TrainingConfig:
 
     task: str
     method: str = "hac"
-    seed: int = 0
+    seed: Count = 0
     objects: str = ""
     without: tuple[str, ...] = ()
     dataset: str = ""
     design: str = ""
-    episode_steps: int = 50
-    random_steps: int = 1000
-    replay_size: int = 1_000_000
-    log_every: int = 500
-    evaluate_every: int = 5000
-    evaluate_episodes: int = 10
-    checkpoint_every: int = 1000
+    episode_steps: Steps = 50
+    random_steps: Positive = 1000
+    replay_size: Annotated[int, Meta(ge=1000)] = 1_000_000
+    log_every: Positive = 500
+    evaluate_every: Steps = 5000
+    evaluate_episodes: Annotated[int, Meta(ge=1, le=MAX_EPISODES)] = 10
+    checkpoint_every: Positive = 1000
     exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0, updates_per_step=0.5)
     task_phase: PhaseConfig = PhaseConfig(
         15_000,
@@ -187,12 +162,6 @@ class TrainingConfig:
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
-        _check_ranges(
-            self, seed=(0, 2**63 - 1), episode_steps=ANY, random_steps=POSITIVE,
-            replay_size=(LEAST_REPLAY, math.inf),
-            log_every=POSITIVE, evaluate_every=ANY,
-            evaluate_episodes=(1, MAX_EPISODES), checkpoint_every=POSITIVE,
-        )  # fmt: skip
         if self.episode_steps >= self.replay_size:
             raise UsageError(
                 f"'episode_steps' is {self.episode_steps}; it must be smaller than 'replay_size', "

@@ -295,7 +295,10 @@ class RandomDistillation(Curiosity):
         self.target_maps = _convolutions(config.width).requires_grad_(False)
         flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
-        self.target_head = self._target_head(inputs).requires_grad_(False)
+        target_head: nn.Module = nn.Linear(inputs, DISTILLED)
+        if self.uses_touch:  # else it would be mapped linearly
+            target_head = nn.Sequential(target_head, nn.ReLU(), nn.Linear(DISTILLED, DISTILLED))
+        self.target_head = target_head.requires_grad_(False)
         self.maps = _convolutions(config.width)
         self.hidden = nn.Sequential(
             nn.Linear(inputs, DISTILLED),
@@ -306,10 +309,6 @@ class RandomDistillation(Curiosity):
         self.head = nn.Linear(DISTILLED, DISTILLED)
         self.whitening = Whitening()
         self.apply(initialize)
-
-    @staticmethod
-    def _target_head(inputs: int) -> nn.Module:
-        return nn.Linear(inputs, DISTILLED)
 
     def errors(self, batch: Batch) -> Errors:
         """Learn the pixels' statistics, and return the predictor's squared errors."""
@@ -339,12 +338,6 @@ class TouchDistillation(RandomDistillation):
     """
 
     uses_touch = True
-
-    @staticmethod
-    def _target_head(inputs: int) -> nn.Module:
-        return nn.Sequential(
-            nn.Linear(inputs, DISTILLED), nn.ReLU(), nn.Linear(DISTILLED, DISTILLED)
-        )
 
 
 def _convolutions(width: float) -> ImageConvolutions:

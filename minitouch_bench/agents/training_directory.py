@@ -3,10 +3,11 @@
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from minitouch_bench.agents.training import (
     Training,
     TrainingCallbacks,
 )
-from minitouch_bench.episode import Outcome
+from minitouch_bench.episode import EpisodeSpec, Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
     InvalidActionError,
@@ -48,7 +49,7 @@ from minitouch_bench.policies.sources import (
 )
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.runs.plan import Plan
+from minitouch_bench.runs.plan import Plan, first_of
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 EVALUATION_SUITE = "training"
@@ -104,8 +105,12 @@ def run_training(
             config.task, config.objects or None, max_steps=config.episode_steps or None
         )
         stack.callback(environment.close)
-        evaluator = TrainingEvaluator(config)
-        stack.callback(evaluator.close)
+        world = MiniTouchEnv(config.task, None)  # of its evaluations
+        stack.callback(world.close)
+
+        specs = Plan(
+            EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed
+        ).specs()
 
         def on_row(row: ProgressRow) -> None:
             callbacks.row(row)
@@ -116,7 +121,7 @@ def run_training(
             config,
             environment,
             directory,
-            evaluate=evaluator.evaluate,
+            evaluate=partial(_evaluate, world, specs),
             callbacks=replace(callbacks, row=on_row),
             device=chosen,
         )
@@ -241,7 +246,7 @@ def _check_directory(
     file = directory / CONFIG_FILE
     entries = files.entries_of(directory)
     if fresh and CONFIG_FILE in entries:
-        entries = [name for name in entries if not _is_of_training(name)]
+        entries = [n for n in entries if not any(fnmatch(n, one) for one in TRAINING_FILES)]
     if resume and CONFIG_FILE in entries:
         known = read_recorded_config(file)
         if config != known and not config.is_longer_than(known):
@@ -255,7 +260,6 @@ def _check_directory(
                 "Replace it with --fresh, or choose another --output"
             )
     elif entries:
-        more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
         advice = (
             "continue the training in it with --resume, replace it with --fresh, or choose another "
             "--output"
@@ -265,14 +269,11 @@ def _check_directory(
         elif CONFIG_FILE not in entries:
             advice = "it contains no training; choose another --output"
         raise RunDirectoryError(
-            f"{directory} is not empty: {entries[0]!a}{more}.\n{advice.capitalize()}"
+            f"{directory} is not empty: {first_of([ascii(name) for name in entries], 1)}.\n"
+            f"{advice.capitalize()}"
         )
     elif resume:
         note(f"{directory} contains no training yet: one is started")
-
-
-def _is_of_training(name: str) -> bool:
-    return any(fnmatch(name, pattern) for pattern in TRAINING_FILES)
 
 
 def _remove_training(directory: Path) -> None:
@@ -298,24 +299,12 @@ def _keep_policy(config: TrainingConfig, directory: Path) -> None:
             file.rename(file.with_name(KEPT_FILE.format(known.steps)))
 
 
-class TrainingEvaluator:
-    """Evaluate policies on the same few episodes each time, in a world of their own."""
-
-    def __init__(self, config: TrainingConfig) -> None:
-        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
-        self._specs = plan.specs()
-        self._environment = MiniTouchEnv(config.task, None)
-
-    def evaluate(self, actor: TouchActor, deterministic: bool) -> Evaluation:
-        """Return the shares of success and touch over the episodes."""
-        records = [
-            run_episode(self._environment, NativePolicy(actor, deterministic), spec)
-            for spec in self._specs
-        ]
-        touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
-        success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
-        return Evaluation(float(success), float(touched.mean()))
-
-    def close(self) -> None:
-        """Free the world."""
-        self._environment.close()
+def _evaluate(
+    environment: MiniTouchEnv, specs: Sequence[EpisodeSpec], actor: TouchActor, deterministic: bool
+) -> Evaluation:
+    """Return the shares of success and touch over episodes, the same ones each time."""
+    policy = NativePolicy(actor, deterministic)
+    records = [run_episode(environment, policy, spec) for spec in specs]
+    touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
+    success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
+    return Evaluation(float(success), float(touched.mean()))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, episode_progress, note
+from minitouch_bench.cli.console import data_console, note
 from minitouch_bench.cli.options import episodes_option, output_option
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
@@ -114,33 +114,32 @@ def evaluate(
     from minitouch_bench.reporting.report import build_report, show_report
     from minitouch_bench.runs.run import run_json
 
-    with episode_progress() as callbacks:
-        run = api.evaluate(
-            policy,
-            suite,
-            name=name,
-            tasks=tasks,
-            exploration=exploration,
-            episodes=episodes,
-            episodes_from=episodes_from or (),
-            seed=seed,
-            objects=objects,
-            without=without,
-            perturb=perturb,
-            output=api.AUTO_OUTPUT if output is None else output,
-            video=video,
-            replays=replays,
-            resume=resume,
-            fresh=fresh,
-            workers=workers,
-            engine=engine,
-            address=address,
-            isolation=isolation,
-            trust=trust,
-            act_timeout=act_timeout,
-            episode_timeout=episode_timeout,
-            callbacks=callbacks,
-        )
+    run = api.evaluate(
+        policy,
+        suite,
+        name=name,
+        tasks=tasks,
+        exploration=exploration,
+        episodes=episodes,
+        episodes_from=episodes_from or (),
+        seed=seed,
+        objects=objects,
+        without=without,
+        perturb=perturb,
+        output=api.AUTO_OUTPUT if output is None else output,
+        video=video,
+        replays=replays,
+        resume=resume,
+        fresh=fresh,
+        workers=workers,
+        engine=engine,
+        address=address,
+        isolation=isolation,
+        trust=trust,
+        act_timeout=act_timeout,
+        episode_timeout=episode_timeout,
+        progress=True,
+    )
     if as_json:
         print(run_json(run).decode(), end="")
     else:

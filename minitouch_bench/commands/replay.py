@@ -47,7 +47,6 @@ def replay(
     from minitouch_bench.reporting.report import view_directory
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification import filming, replay_check, static_check
-    from minitouch_bench.verification.filming import video_suffix
 
     if output is not None and output.suffix != VIEWER:
         raise UsageError(f"--output is an {VIEWER} file, not '{output.name}'")
@@ -57,7 +56,7 @@ def replay(
     if output is None:
         folder = make_folder(view_directory(opened.directory or run) / REPLAYS)
         output = folder / view_name(episode, VIEWER)
-    suffixes = (VIEWER, *([video_suffix()] if video else ()), *([".csv"] if csv else ()))
+    suffixes = (VIEWER, *([filming.video_suffix()] if video else ()), *([".csv"] if csv else ()))
     files = [output.with_suffix(suffix) for suffix in suffixes]
     played = filming.film_to_files(opened, (spec, files))
     print(*files, sep="\n")

@@ -21,7 +21,7 @@ from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import Run
+from minitouch_bench.runs.run import NAMED, Run
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""
@@ -31,9 +31,6 @@ MEAN_TASK = "mean"
 
 MEAN_METRIC = "success"
 """The metric that has such a mean."""
-
-NAMED_EPISODES = 3
-"""Episodes that a refusal names."""
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""
@@ -60,7 +57,7 @@ def pair_runs(first: Run, second: Run) -> Pairs:
     missing = (
         [key for key in one if key not in other] for one, other in ((here, there), (there, here))
     )
-    _refuse_other("episodes", runs, [first_of(keys, NAMED_EPISODES) or "none" for keys in missing])
+    _refuse_other("episodes", runs, [first_of(keys, NAMED) or "none" for keys in missing])
     for key, one in here.items():
         scenes = [f"seed {episode.seed}, shape '{episode.shape}'" for episode in (one, there[key])]
         _refuse_other(f"episodes {key}", runs, scenes)

@@ -22,6 +22,7 @@ from minitouch_bench.machine import installed_versions, machine_facts, require
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions, write_forces
 from minitouch_bench.runs.journal import Journal, check_same
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import (
     Run,
     RunEnvironment,
@@ -98,9 +99,9 @@ def open_run(
 def _check_empty(directory: Path) -> None:
     """Refuse a directory of other files: one of them could be called as one of a run is."""
     if entries := files.entries_of(directory):
-        more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
+        first = first_of([ascii(name) for name in entries], 1)
         raise errors.RunDirectoryError(
-            f"{directory} is not empty and does not contain a run: {entries[0]!a}{more}.\n"
+            f"{directory} is not empty and does not contain a run: {first}.\n"
             "Choose another directory; or add --fresh: files called as a run's are then replaced"
         )
 

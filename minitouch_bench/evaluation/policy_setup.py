@@ -19,7 +19,6 @@ from minitouch_bench.policies.policy import (
     Observation,
     Policy,
     PolicySource,
-    weakest,
 )
 from minitouch_bench.policies.process import effective_level, isolate, try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
@@ -106,7 +105,8 @@ class PolicySetup:
         A server's own code does not run here: its client counts only where there is no other.
         """
         here = [one for one in self.sources() if one.kind != "remote"] or self.sources()
-        return weakest(effective_level(one, self.isolation.level) for one in here)
+        levels = (effective_level(one, self.isolation.level) for one in here)
+        return max(levels, key=list(Isolation).index)
 
     def make_policy(self, role: Role, world_of: WorldOf) -> Policy:
         """Return the policy of a role, isolated as asked."""

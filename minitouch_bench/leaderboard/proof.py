@@ -10,7 +10,6 @@ The seed of fresh ones follows from the checkpoint and from a draw made after it
 
 import hashlib
 import os
-import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -80,11 +79,6 @@ Group = tuple[Role, str, str]
 
 ORDERS = 200_000
 """Orders of the episodes that a permutation test counts."""
-
-
-def new_draw() -> str:
-    """Return 128 random bits in hexadecimal."""
-    return secrets.token_hex(16)
 
 
 def fresh_seed(checkpoint: str, draw: str) -> int:

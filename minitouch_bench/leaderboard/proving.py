@@ -3,6 +3,7 @@
 Its actions are replayed, and sampled and fresh episodes are run with its checkpoints.
 """
 
+import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,6 @@ from minitouch_bench.leaderboard.proof import (
     compare_fresh,
     drop_together,
     fresh_seed,
-    new_draw,
     proof_path,
     significant_drops,
 )
@@ -84,7 +84,7 @@ def prove(
         if can_be_run(found.runs) and not prover.problems:
             prover.run_again(rerun)
         if can_be_run(found.runs) and not prover.problems:
-            played = prover.run_fresh(fresh, new_draw())
+            played = prover.run_fresh(fresh, secrets.token_hex(16))
             level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
     except MiniTouchError as caught:  # what differs counts all the same
         error = IncompleteCheckError(str(caught))
@@ -184,11 +184,8 @@ class Prover:
             seeds[place] = fresh_seed(run.header.policy.digest, draw)
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
-                played: dict[EpisodeSpec, PlayedEpisode] = {}
-                for record in self.engine.run(self._setup(seed, run), specs):
-                    played[record.spec] = record
-                    self._take(record)
-                records = [played[spec] for spec in specs]  # they end in another order
+                setup = self._setup(seed, run)
+                records = [*replay_check.play(setup, specs, self.engine, self._take).values()]
                 failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
                 values = dict(_values(run, records))
                 results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())

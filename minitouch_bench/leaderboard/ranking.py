@@ -19,7 +19,7 @@ from minitouch_bench.episode import Count
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
-from minitouch_bench.metrics.statistics import ALPHA, MEAN, POWER, SHARE, holm, mcnemar_p
+from minitouch_bench.metrics.statistics import ALPHA, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.runs.run import Run
@@ -150,7 +150,9 @@ def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[st
     rankings = {}
     for task in BOARD_TASKS:
         found = intervals.mean_differences([samples[task]])
-        rankings[task] = _rank_table(found, _p_values(task, samples[task]), seeds)
+        is_share = METRICS[RANKED_BY[task]].statistic == SHARE
+        p_values = share_p_values(samples[task], found) if is_share else found.p_values
+        rankings[task] = _rank_table(found, p_values, seeds)
     found = intervals.mean_differences([samples[task] for task in BOARD_GOALS])
     rankings[OVERALL] = _rank_table(found, found.p_values, seeds)
     return rankings
@@ -172,15 +174,6 @@ def _rank_table(
         difference = round(float(found.value[pair]), intervals.DIGITS)
         pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
     return Ranking(ranks_of(better), tuple(pairs))
-
-
-def _p_values(task: str, rows: Sequence[intervals.Floats]) -> intervals.Floats:
-    statistic = METRICS[RANKED_BY[task]].statistic
-    if statistic == SHARE:
-        return share_p_values(rows)
-    if statistic == MEAN:
-        return intervals.mean_p_values([rows])
-    raise TypeError(f"rows are not ranked by {statistic}")
 
 
 def judge_pairs(
@@ -221,7 +214,7 @@ def seeds_to_decide(
 ) -> int | None:
     """Return about how many training seeds of each of two rows would show which one is better.
 
-    With so many seeds, in place of those that there are, the test of ``mean_p_values`` would be
+    With so many seeds, in place of those that there are, the test of ``found`` would be
     significant at ``level`` with probability POWER, by the noncentral t distribution, if the
     difference seen is the true one, the means of seeds are normal with the variances seen, and the
     episodes are the same ones. It is a guess: if the true difference is half of that seen, about
@@ -247,15 +240,17 @@ def seeds_to_decide(
     return numbers[place] if place < len(numbers) else None
 
 
-def share_p_values(samples: Sequence[intervals.Floats]) -> intervals.Floats:
+def share_p_values(
+    samples: Sequence[intervals.Floats], found: intervals.MeanDifferences
+) -> intervals.Floats:
     """Return the p-values of all pairs of success rates, (N, N), 1 on the diagonal.
 
     ``samples``: each row's values of a task, float64 (S, E): training seeds by episodes.
     Two rows of one training seed: exact McNemar on the episodes that one wins and the other
-    loses, as ``compare`` has it. Otherwise ``mean_p_values``.
+    loses, as ``compare`` has it. Otherwise those of ``found``, the differences of their means.
     """
     single = np.array([len(values) == 1 for values in samples], bool)
-    p_values = np.ones((len(samples),) * 2) if single.all() else intervals.mean_p_values([samples])
+    p_values = found.p_values
     if single.any():
         won = np.array([values[0] for values in samples if len(values) == 1])
         only_one = np.rint(won @ (1 - won).T).astype(int)

@@ -97,8 +97,7 @@ def build_board(
     _remove_others(pages, written)
     for task in BOARD_TASKS:
         picture = PICTURES / f"{task}.png"
-        if picture.exists():  # a new task may have none yet
-            write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
+        write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
     return board
 
 

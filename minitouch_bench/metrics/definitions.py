@@ -177,9 +177,6 @@ def _in_words(bounds: Bounds) -> str:
     return f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
 
 
-FORCE_COMPONENTS = PROTOCOL.observation.forces
-"""Columns of the touch vector that hold the two fingers' forces, N."""
-
 FINGERS = 2
 
 PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
@@ -187,7 +184,7 @@ PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
 
 
 def _touch_variance(record: PlayedEpisode) -> float:
-    return float(_axis_variances(record.trace.touch[:, FORCE_COMPONENTS]).mean())
+    return float(_axis_variances(record.trace.touch[:, PROTOCOL.observation.forces]).mean())
 
 
 def _object_movement(record: PlayedEpisode) -> float:

@@ -36,7 +36,7 @@ INTERVAL_ENDS = (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with its 95 % interval over ``count`` episodes; ``method`` says how."""
+    """A value and its 95 % interval; ``method`` says how, and what there are ``count`` of."""
 
     value: float
     low: float
@@ -268,11 +268,6 @@ class MeanDifferences:
             t = np.where(self.value == 0, 0.0, self.value / np.sqrt(self.variance))
         p_values: Floats = 2.0 * scipy.special.stdtr(self.freedom, -np.abs(t))
         return p_values
-
-
-def mean_p_values(strata: Sequence[Sequence[Floats]]) -> Floats:
-    """Return the p-values of all pairs of means over strata (tasks), (N, N), 1 on the diagonal."""
-    return mean_differences(strata).p_values
 
 
 def mean_differences(strata: Sequence[Sequence[Floats]]) -> MeanDifferences:

@@ -100,8 +100,8 @@ class Share(Statistic):
 
     def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the difference with Tango's interval, by the exact McNemar test."""
-        discordance = count_discordance(first, second)
-        return PairedResult(tango(discordance), discordance.p_value)
+        lost, won, n = count_discordance(first, second)
+        return PairedResult(tango(lost, won, n), float(mcnemar_p(lost, won)))
 
     def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
         """Return the episodes of the McNemar test, or of Tango's interval.
@@ -256,32 +256,12 @@ def _two_sided(level: float) -> float:
     return NormalDist().inv_cdf(1.0 - level / 2.0)
 
 
-@dataclass(frozen=True)
-class Discordance:
-    """Of ``n`` paired episodes, those that only the first, only the second run succeeds in."""
+def count_discordance(first: Floats, second: Floats) -> tuple[int, int, int]:
+    """Count the pairs that only the first, only the second run succeeds in, and all.
 
-    n: int
-    lost: int
-    won: int
-
-    @property
-    def difference(self) -> float:
-        """Share of the second minus share of the first."""
-        return (self.won - self.lost) / self.n
-
-    @property
-    def p_value(self) -> float:
-        """The exact McNemar test's, two-sided."""
-        return float(mcnemar_p(self.lost, self.won))
-
-
-def count_discordance(first: NDArray[np.float64], second: NDArray[np.float64]) -> Discordance:
-    """Count the pairs that differ; the values are 1 for success and 0, float64 (N,) each."""
-    return Discordance(
-        n=len(first),
-        lost=int(np.count_nonzero(first > second)),
-        won=int(np.count_nonzero(second > first)),
-    )
+    The values are 1 for success and 0, float64 (N,) each.
+    """
+    return int((first > second).sum()), int((second > first).sum()), len(first)
 
 
 def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
@@ -300,8 +280,10 @@ def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
     return np.minimum(1.0, 2.0 * tails)
 
 
-def tango(discordance: Discordance, quantile: float = NORMAL_QUANTILE) -> Estimate:
-    """Estimate the difference of two paired shares, second minus first.
+def tango(lost: int, won: int, n: int, quantile: float = NORMAL_QUANTILE) -> Estimate:
+    """Estimate the difference of two paired shares, second minus first, of ``n`` pairs.
+
+    ``lost`` and ``won`` count the pairs of which only the first, only the second succeeds.
 
     The score interval: every difference that the score test does not reject. It stays inside
     -1 to 1 and has a width at 0 and at 100 % too, and where no pair differs. scipy has none
@@ -310,12 +292,11 @@ def tango(discordance: Discordance, quantile: float = NORMAL_QUANTILE) -> Estima
     Source: T. Tango, "Equivalence test and confidence interval for the difference in
     proportions for the paired-sample design", Stat. Med. 17 (1998).
     """
-    n, lost, won = discordance.n, discordance.lost, discordance.won
-    low, high = _lower_end(n, lost, won, quantile), -_lower_end(n, won, lost, quantile)
-    return Estimate(discordance.difference, low, high, n, TANGO)
+    low, high = _lower_end(lost, won, n, quantile), -_lower_end(won, lost, n, quantile)
+    return Estimate((won - lost) / n, low, high, n, TANGO)
 
 
-def _lower_end(n: int, lost: int, won: int, quantile: float) -> float:
+def _lower_end(lost: int, won: int, n: int, quantile: float) -> float:
     """Return the least difference that the score test does not reject, by halving."""
     low, high = -1.0, (won - lost) / n
     for _ in range(HALVINGS if lost < n else 0):

@@ -263,16 +263,10 @@ class KeypointActor(TouchActor):
     architecture = "keypoint-actor-v1"
 
 
-def _table3_actor(action_size: int, encoder_width: float) -> TouchActor:
-    return TouchActor(action_size, encoder=VisualEncoder(encoder_width))
-
-
-def _keypoint_actor(action_size: int, _encoder_width: float) -> TouchActor:
-    return KeypointActor(action_size, encoder=KeypointEncoder(), features=KEYPOINT_FEATURES)
-
-
 ARCHITECTURES: Mapping[str, Callable[[int, float], TouchActor]] = {
-    TouchActor.architecture: _table3_actor,
-    KeypointActor.architecture: _keypoint_actor,
+    TouchActor.architecture: lambda size, width: TouchActor(size, encoder=VisualEncoder(width)),
+    KeypointActor.architecture: lambda size, _: KeypointActor(
+        size, encoder=KeypointEncoder(), features=KEYPOINT_FEATURES
+    ),
 }
 """Makers of actors by architecture id, from the action's size and the encoder's width."""

@@ -1,7 +1,7 @@
 """What a policy is, how it is isolated, and how it is loaded."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Protocol
@@ -24,7 +24,7 @@ from minitouch_bench.protocol.minitouch import (
 Observation = Mapping[str, NDArray[Any]]
 """``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
-IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, PROTOCOL.observation.touch_shape
+IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, (PROTOCOL.observation.touch_size,)
 
 
 class Policy(Protocol):
@@ -147,11 +147,6 @@ class Isolation(StrEnum):
     """The process of the simulator, for debugging."""
 
 
-def weakest(levels: Iterable[Isolation]) -> Isolation:
-    """Return the weakest of some levels."""
-    return max(levels, key=list(Isolation).index)
-
-
 @dataclass(frozen=True)
 class IsolationOptions:
     """How to isolate a policy. ``trust`` permits Python code that comes with it.
@@ -186,9 +181,6 @@ def isolation_options(
     return IsolationOptions(Isolation(isolation), trust, limits)
 
 
-Loader = Callable[[PolicySource], Policy]
-
-
 def check_permitted(source: PolicySource, isolation: Isolation, *, trust: bool) -> None:
     """Refuse a policy that would run code of its own where nothing holds it.
 
@@ -204,7 +196,7 @@ def check_permitted(source: PolicySource, isolation: Isolation, *, trust: bool) 
         )
 
 
-def find_loader(kind: str) -> Loader:
+def find_loader(kind: str) -> Callable[[PolicySource], Policy]:
     """Import what a kind needs and return its loader.
 
     Raises:

@@ -182,8 +182,7 @@ class RemotePolicy:
         return self._call("GET", "/info")
 
     def reset(self, seed: int, task: str) -> None:
-        """Begin an episode on the server and end the one before."""
-        self._end()
+        """Begin an episode on the server, the only one of this object."""
         question = {"seed": seed, "task": task, "deterministic": self._deterministic}
         answer = self._call("POST", "/episodes", json.dumps(question).encode())
         episode = answer.get("episode")
@@ -201,13 +200,9 @@ class RemotePolicy:
 
     def close(self) -> None:
         """End the episode on the server and the connection to it."""
-        self._end()
-        self._connection.close()
-
-    def _end(self) -> None:
         if self._episode:
             self._call("DELETE", f"/episodes/{self._episode}")
-            self._episode = ""
+        self._connection.close()
 
     def _call(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
         kind = "application/octet-stream" if path.endswith("/act") else "application/json"

@@ -215,7 +215,7 @@ SUITE_SPECS = (
     ),
     SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
 )
-"""Every suite; the first is the default."""
+"""Every suite."""
 
 
 PROTOCOL = ProtocolSpec(

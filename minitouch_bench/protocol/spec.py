@@ -155,11 +155,6 @@ class ObservationSpec:
         """Channels, height and width of an image."""
         return 1, self.image_size, self.image_size
 
-    @property
-    def touch_shape(self) -> tuple[int]:
-        """Shape of the touch vector."""
-        return (self.touch_size,)
-
 
 @dataclass(frozen=True)
 class ArmSpec:
@@ -174,11 +169,6 @@ class ArmSpec:
     faces_door: bool = False
     finger_forces: tuple[float, float] = (25.0, 20.0)
     discrete_gripper: bool = False
-
-    @property
-    def action_size(self) -> int:
-        """How many numbers an action has: see ``ACTION_SIZES``."""
-        return 5 if self.faces_door else 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,8 +206,8 @@ class TaskSpec:
 
     @property
     def action_size(self) -> int:
-        """How many numbers an action of the task has."""
-        return self.arm.action_size
+        """How many numbers an action of the task has: see ``ACTION_SIZES``."""
+        return 5 if self.arm.faces_door else 4
 
     @property
     def has_goal(self) -> bool:
@@ -245,8 +235,8 @@ Named = TypeVar("Named", TaskSpec, SuiteSpec)
 class ProtocolSpec:
     """The whole protocol.
 
-    ``seeds`` is raised when ``protocol.seeds`` gives other numbers. ``shapes`` is the digest of
-    the canonical shape set.
+    ``seeds`` is raised when ``episode_seed`` or ``policy_seed`` gives other numbers. ``shapes`` is
+    the digest of the canonical shape set.
     """
 
     name: str

@@ -41,23 +41,12 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Bar:
-    """A filled rectangle."""
-
-    left: float
-    right: float
-    bottom: float
-    top: float
-    tone: str
-
-
-@dataclass(frozen=True)
 class Band:
     """The area inside a line through points."""
 
     points: tuple[tuple[float, float], ...]
     tone: str
-    opacity: float
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ class Dot:
     is_hollow: bool = False
 
 
-Mark = Line | Bar | Band | Dot
+Mark = Line | Band | Dot
 
 
 @dataclass(frozen=True)

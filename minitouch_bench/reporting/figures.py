@@ -190,12 +190,14 @@ def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]])
 
 def _bars(
     tones: Sequence[str], tops: NDArray[np.float64], edges: NDArray[np.int64]
-) -> Iterator[charts.Bar]:
+) -> Iterator[charts.Band]:
     """Yield the bars that are not empty; ``tops``: where each tone's bars end."""
     bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
     for row, slot in np.argwhere(tops > bottoms):
-        left, bottom, top = float(edges[slot]), float(bottoms[row, slot]), float(tops[row, slot])
-        yield charts.Bar(left + 0.6, left + BIN - 0.6, bottom, top, tones[row])
+        left, right = float(edges[slot]) + 0.6, float(edges[slot]) + BIN - 0.6
+        bottom, top = float(bottoms[row, slot]), float(tops[row, slot])
+        corners = ((left, bottom), (left, top), (right, top), (right, bottom))
+        yield charts.Band(corners, tones[row])
 
 
 def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:

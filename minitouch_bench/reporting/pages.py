@@ -24,7 +24,7 @@ from minitouch_bench.episode import Episode, Outcome, Role, episode_key
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
 from minitouch_bench.reporting.svg import draw_gauge, draw_plot
@@ -257,19 +257,13 @@ def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
                 "ending": [numbers[ending_of(row)] for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "ticks": [row.touch_interaction for row in episodes],
-                "share": [_touch_share(row) for row in episodes],
-                "first": [_seconds(row) for row in episodes],
+                "share": [_rounded("touch_share", row) for row in episodes],
+                "first": [_rounded("time_to_first_touch", row) for row in episodes],
                 "shapes": shapes if len(set(shapes)) > 1 else None,
             }
 
 
-def _touch_share(episode: Episode) -> float | None:
-    """Return the touch share in few digits, None where there is none."""
-    share = METRICS["touch_share"].value(episode)
-    return None if share is None else round(share, 3)
-
-
-def _seconds(episode: Episode) -> float | None:
-    """Return the time of the first touch in few digits, None where there is none."""
-    tick = episode.first_touch_tick
-    return None if tick is None else round(tick / PROTOCOL.physics.tick_rate, 3)
+def _rounded(metric: str, episode: Episode) -> float | None:
+    """Return a metric's value in few digits, None where there is none."""
+    value = METRICS[metric].value(episode)
+    return None if value is None else round(value, 3)

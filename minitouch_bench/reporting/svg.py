@@ -151,20 +151,18 @@ def _grid(frame: PlotArea) -> Iterator[str]:
 def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
     match mark:
         case charts.Line():
-            faint = "" if mark.opacity == 1 else f' opacity="{mark.opacity:g}"'
-            more = f' stroke-width="{mark.width:g}"{faint}'
+            more = f' stroke-width="{mark.width:g}"{_faint(mark.opacity)}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
             yield _path(f"line {mark.tone}", points, more)
-        case charts.Bar():
-            left, right = frame.x(mark.left), frame.x(mark.right)
-            bottom, top = frame.y(mark.bottom), frame.y(mark.top)
-            corners = ((left, bottom), (left, top), (right, top), (right, bottom))
-            yield _path(f"area {mark.tone}", corners)
         case charts.Band():
             outline = [(frame.x(x), frame.y(y)) for x, y in mark.points]
-            yield _path(f"area {mark.tone}", outline, f' opacity="{mark.opacity:g}"')
+            yield _path(f"area {mark.tone}", outline, _faint(mark.opacity))
         case charts.Dot():
             yield _dot(mark, frame.x(mark.x), frame.y(mark.y))
+
+
+def _faint(opacity: float) -> str:
+    return "" if opacity == 1 else f' opacity="{opacity:g}"'
 
 
 def _dot(dot: charts.Dot, x: float, y: float) -> str:

@@ -38,7 +38,8 @@ class Cell:
     """A value as text.
 
     ``small`` is printed below or behind the value: its interval, or a mark. ``title`` says how
-    both were made. A sort goes by ``sort_key``. A value that ``is_best`` is bold on a page.
+    both were made. A sort goes by ``sort_key``. A terminal shows no ``is_best``, else
+    it is bold.
     """
 
     text: str = ABSENT
@@ -81,7 +82,7 @@ class Row:
 class Table:
     """A table ready to draw: ``corner`` names the row heads, ``notes`` are printed below.
 
-    ``caption`` says what only a page shows: what bold means.
+    ``caption`` says what bold means.
     """
 
     title: str

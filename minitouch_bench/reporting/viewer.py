@@ -39,8 +39,8 @@ ENDINGS = {
 """How an episode ends, in words and as a color."""
 
 AIMS = {
-    "playing": "Touch the cube as often as possible; there is no goal.",
-    "pushing": "Push the dark cube to the gray target.",
+    "playing": "Touch the object as often as possible; there is no goal.",
+    "pushing": "Push the dark object to the gray target.",
     "opening": "Find the handle and open the door.",
     "pick-up": "Grasp the object and lift it.",
 }
@@ -101,7 +101,7 @@ def _what_touching_did(progress: Progress) -> str:
     if np.abs(values - values[0]).max() < STILL[unit]:
         return "Pressed without moving anything"
     if progress.goal is None:
-        return f"Moved the cube by {values.max():.1f} {unit}"
+        return f"Moved the object by {values.max():.1f} {unit}"
     best = values.min() if values[0] > progress.goal else values.max()
     reached = f"{best:.1f} {unit} at best, the goal is {progress.goal} {unit}"
     return f"Did not reach the goal: {progress.title.lower()} {reached}"

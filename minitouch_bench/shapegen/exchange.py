@@ -1,7 +1,8 @@
 """Exchange shapes with other programs: objects become a set, or a set becomes files.
 
 An object is an OBJ, STL or GLB file of a watertight mesh, or a URDF of one link. Files can be a
-stranger's: their sizes are bounded before anything is parsed, and no other file is opened.
+stranger's: their sizes are bounded before anything is parsed, and only meshes that a URDF names are
+opened beside them.
 """
 
 import io
@@ -125,10 +126,10 @@ def import_objects(
         InfrastructureError: the folder cannot be written, or a worker died.
     """
     paths = find_objects(source)
-    if (folder / MANIFEST).exists():
-        raise RunDirectoryError(f"{folder} holds a shape set already; choose another --output")
     answers: dict[int, Any] = {}
     with lock_directory(folder):
+        if (folder / MANIFEST).exists():
+            raise RunDirectoryError(f"{folder} holds a shape set already; choose another --output")
         tasks = [(path, config) for path in paths]
         for place, answer in run_in_workers(import_one, tasks, workers, name=lambda t: str(t[0])):
             answers[place] = answer
@@ -234,7 +235,7 @@ def _solid_of(mesh: Mesh) -> Solid:
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
-    """Return a shape's name for each file, fit for ``PLAIN_NAME``, no two alike."""
+    """Return a shape's name for each file, fit for ``manifest.PlainName``, no two alike."""
     names: dict[str, None] = {}
     for source in sources:
         plain = re.sub("[^A-Za-z0-9._-]+", "_", source.rpartition(".")[0].replace("/", "-"))

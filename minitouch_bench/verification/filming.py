@@ -176,11 +176,10 @@ def film_run(
     ):
         for spec in specs:
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
-    steps = {spec: len(run.actions_of(spec.key)) + 1 for spec in jobs}
     workers = min(workers, core_count())
     callbacks.note(f"the report is written; filming {len(jobs)} episodes")
     callbacks.phase("filming", len(jobs))
-    longest_first = sorted(jobs.items(), key=lambda job: -steps[job[0]])
+    longest_first = sorted(jobs.items(), key=lambda job: -len(run.actions_of(job[0].key)))
     for _, played in run_in_workers(
         partial(film_to_files, run), longest_first, workers, name=lambda job: f"film {job[0].key}"
     ):

@@ -28,20 +28,16 @@ def replay_run(
 ) -> Findings:
     """Replay every episode of a run that ``check_run`` passes; ``on_record`` takes them.
 
-    The episodes come from the plan, the actions from ``actions.npz``. Every estimate is computed
-    again and compared up to ROUNDING, every metric and digest of the replayed trajectories bit
-    for bit. The texts of faults, and what the policy and the machine were called, cannot be
-    recomputed and are taken as they are.
+    The episodes come from the plan, the actions from ``actions.npz``. Every metric and digest of
+    the replayed trajectories is compared bit for bit. The texts of faults, and what the policy and
+    the machine were called, cannot be recomputed and are taken as they are.
 
     Raises:
         RunDirectoryError: a file of it is missing or damaged.
         InfrastructureError: an episode could not be replayed.
     """
-    records: dict[EpisodeSpec, PlayedEpisode] = {}
     specs = run.header.specs()
-    for record in engine.run(Recording.of(run, specs), specs):
-        records[record.spec] = record
-        on_record(record)
+    records = play(Recording.of(run, specs), specs, engine, on_record)
     return Findings(tuple(_compare(run, records)), replayed=len(records))
 
 
@@ -140,9 +136,9 @@ def run_again(
         IncompleteCheckError: the policy is too slow on this machine, or does not repeat a fault.
         InfrastructureError: an episode failed three times for no fault of the policy.
     """
-    records = _play(setup, specs, engine, on_record)
+    records = play(setup, specs, engine, on_record)
     late = [spec for spec, record in records.items() if record.is_late]
-    records |= _play(setup, late, engine, lambda _: None)
+    records |= play(setup, late, engine, lambda _: None)
     late = [spec for spec in late if records[spec].is_late]
     rows = dict(run.specs_and_rows())
     problems: list[Problem] = []
@@ -162,8 +158,8 @@ def run_again(
     return Findings(tuple(problems), reran=len(records))
 
 
-def _play(
-    setup: PolicySetup,
+def play(
+    setup: PolicySetup | Recording,
     specs: Sequence[EpisodeSpec],
     engine: Engine,
     on_record: Callable[[PlayedEpisode], None],

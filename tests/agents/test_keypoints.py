@@ -6,7 +6,7 @@ from torch import nn
 
 from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.replay import Replay
-from minitouch_bench.policies.networks import KEYPOINT_FEATURES, KEYPOINTS, TouchActor
+from minitouch_bench.policies.networks import KEYPOINT_FEATURES, KEYPOINTS
 
 
 def scenes(count, seed):
@@ -75,17 +75,6 @@ def test_a_keypoint_that_does_not_move_is_not_the_hand():
     model = Keypoints()
     model.find_hand(places, touch)
     torch.testing.assert_close(model.hand[:2], torch.eye(2), atol=0.1, rtol=0)
-
-
-def test_an_actor_on_relative_keypoints_becomes_one_on_keypoints_in_the_image():
-    images, touch, _ = scenes(8, 3)
-    model = make(10)
-    actor = TouchActor(4, encoder=nn.Identity(), features=KEYPOINT_FEATURES)
-    with torch.no_grad():
-        expected = actor(model.encode(images, touch), touch)
-        model.fold_into(actor)
-        folded = actor(model.encoder(images), touch)
-    torch.testing.assert_close(folded, expected, atol=1e-5, rtol=0)
 
 
 def test_a_memory_that_is_encoded_gives_the_features_of_its_images():

@@ -16,13 +16,14 @@ from minitouch_bench.agents.config import (
     TrainingConfig,
 )
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
-from minitouch_bench.agents.learner import Learner, kept_size
+from minitouch_bench.agents.learner import Learner, TouchScale, kept_size
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.protocol.spec import Workspace
 from minitouch_bench.simulation.observation import SENSED_TOUCH
 from tests.agents.batches import random_batch
 
@@ -163,3 +164,13 @@ def test_half_precision_needs_a_processor_that_has_it(tmp_path, monkeypatch, fla
     file.write_text(FLAGS.format(flags))
     monkeypatch.setattr(machine, "CPUINFO", file)
     assert learners.has_bfloat16(torch.device("cpu")) == has
+
+
+WORKSPACE = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
+
+
+def test_the_workspace_spans_minus_one_to_one():
+    scale = TouchScale.of(WORKSPACE)
+    corners = torch.tensor([[*WORKSPACE.low, 0, 0, *[-10] * 6], [*WORKSPACE.high, 1, 1, *[10] * 6]])
+    expected = torch.tensor([[-1.0] * 11, [1.0] * 11])
+    torch.testing.assert_close(scale.scaled(corners), expected)

@@ -26,16 +26,6 @@ def weights(module):
     return torch.cat([value.flatten() for value in module.state_dict().values()])
 
 
-def test_same_seed_same_bits():
-    first, second = make(), make()
-    for sac in (first, second):
-        noise = generator()
-        for seed in range(3):
-            batch = random_batch(seed=seed)
-            sac.update(batch, batch.task_reward, noise, 0)
-    assert torch.equal(weights(first), weights(second))
-
-
 def test_critics_learn_the_reward_where_nothing_follows():
     sac, batch, noise = make(PhaseConfig(10, learning_rate=1e-3)), random_batch(), generator()
     over = torch.zeros(8)

@@ -163,8 +163,6 @@ def test_training_episodes_can_be_shorter_than_the_task_s(tmp_path):
 
 def test_other_settings_are_not_mixed_in(undisturbed):
     for config, resume in (
-        (CONFIG, False),
-        (replace(CONFIG, seed=1), True),
         (replace(CONFIG, exploration=PhaseConfig(31)), True),
         (replace(CONFIG, task_phase=PhaseConfig(19)), True),
     ):

@@ -7,7 +7,6 @@ from minitouch_bench.comparison.pairing import PairedValues, episodes_needed
 from minitouch_bench.metrics.intervals import bootstrap_mean
 from minitouch_bench.metrics.statistics import (
     FEWEST_FOR_A_MEAN,
-    Discordance,
     mcnemar_p,
     sign_flip_p,
     tango,
@@ -38,7 +37,7 @@ def drawn_shares(n, lost, won, seed):
     return np.random.default_rng(seed).multinomial(n, (lost, won, 1 - lost - won), TRIALS)
 
 
-@pytest.mark.parametrize("found", [(100, 20, 8), (50, 4, 0), (100, 8, 20)])
+@pytest.mark.parametrize("found", [(100, 20, 8), (50, 4, 0), (100, 8, 20), (1000, 120, 100)])
 @pytest.mark.parametrize("level", [0.05, 0.005])
 def test_so_many_episodes_show_a_difference_of_shares_in_four_of_five_cases(found, level):
     n, lost, won = found
@@ -58,23 +57,15 @@ def test_so_many_episodes_show_a_worsening_beyond_the_tolerance():
 def test_so_many_episodes_exclude_a_loss_in_four_of_five_cases():
     needed = episodes_needed(shares(100, 4, 4), 0.1, 0.05)
     drawn = drawn_shares(needed, 0.04, 0.04, seed=3)
-    known = {(a, b): tango(Discordance(needed, a, b)).low for a, b, _ in drawn.tolist()}
+    known = {(a, b): tango(a, b, needed).low for a, b, _ in drawn.tolist()}
     seen = np.mean([known[a, b] > -0.05 for a, b, _ in drawn.tolist()])
     assert 0.74 <= seen <= 0.86
 
 
 def test_where_no_pair_differs_the_rule_of_three_gives_the_episodes():
     assert episodes_needed(shares(10, 0, 0), 0.1, 0.05) == 73
-    assert tango(Discordance(73, 0, 0)).low >= -0.05 > tango(Discordance(72, 0, 0)).low
+    assert tango(0, 0, 73).low >= -0.05 > tango(0, 0, 72).low
     assert episodes_needed(shares(10, 0, 0), 0.05) is None
-
-
-def test_many_episodes_are_in_line_with_what_is_drawn():
-    needed = episodes_needed(shares(1000, 120, 100), 0.05)
-    assert needed > 2000
-    drawn = drawn_shares(needed, 0.12, 0.1, seed=4)
-    seen = np.mean(mcnemar_p(drawn[:, 0], drawn[:, 1]) <= 0.05)
-    assert seen == pytest.approx(0.8, abs=ERROR + 0.01)
 
 
 @pytest.mark.parametrize("worsening", [4.0, -9.0])

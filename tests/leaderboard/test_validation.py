@@ -85,22 +85,13 @@ def test_every_fault_is_told_at_once(submission):
 # Runs
 
 
-def estimates(run):
-    return run["summary"]["tasks"][1]["estimates"]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda d: d["episodes"][0].update(clipped_actions=1), (RUN, "clipped_actions")),
-        (lambda d: estimates(d)["episode_steps"].update(low=1.0), ("episode_steps.low",)),
-        (lambda d: d["episodes"][3].update(steps=201), ("playing/3", "201 of 200 steps")),
-        (lambda d: d["episodes"].__setitem__(101, d["episodes"][100]), ("twice", "pushing/0")),
-        (lambda d: d["episodes"][100].update(seed=1), ("another seed", "pushing/0")),
         (lambda d: d["header"].update(protocol="minitouch-v2"), ("header.protocol: ",)),
         (lambda d: d["header"].update(isolation="none"), ("isolation none",)),
         (lambda d: d["header"]["policy"].update(digest="0" * 64), ("is not the checkpoints",)),
-        (lambda d: d["episodes"][0].update(ticks=10**400), ("episodes[0].ticks", "<=")),
     ],
 )
 def test_no_run_can_be_edited(submission, change, words):
@@ -126,17 +117,6 @@ def test_another_protocol_s_run(submission):
     refused(submission, "the rules of pushing are not", "000000000000", "evaluate again")
 
 
-def pickled():
-    content = io.BytesIO()
-    np.save(content, np.array([Boom()], object), allow_pickle=True)
-    return content.getvalue()
-
-
-class Boom:
-    def __reduce__(self):
-        return os.mkdir, ("executed",)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -149,17 +129,6 @@ class Boom:
 def test_no_actions_can_be_edited(submission, change, words):
     edit_actions(submission / RUN, change)
     refused(submission, "actions.npz", *words)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(bytes(200_000_000), "declares 200000000 bytes"), (pickled(), "an array of another kind")],
-)
-def test_actions_that_are_no_actions_are_not_unpacked(submission, content, words):
-    with zipfile.ZipFile(submission / RUN / "actions.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("pushing/0.npy", content)
-    refused(submission, "actions.npz", words)
-    assert not Path("executed").exists()
 
 
 # Policies

@@ -94,12 +94,6 @@ def by_task(run, seed: int = 3):
     return {task.task: task for task in summary_of(run, seed).tasks}
 
 
-def test_same_seed_same_numbers():
-    run = make_run(episodes=6)
-    assert summary_of(run) == summary_of(run)
-    assert summary_of(run) != summary_of(run, 4)
-
-
 def test_other_tasks_do_not_change_an_estimate():
     run = make_run(episodes=8)
     assert by_task(of_tasks(run, "opening"))["opening"] == by_task(run)["opening"]

@@ -19,11 +19,7 @@ def test_observation_survives(observation):
     back["image"][0, 0, 0] = 1  # a policy may write into its copy
 
 
-def test_observation_of_another_form_is_refused(observation):
-    with pytest.raises(ValueError, match="image"):
-        pack_observation({**observation, "image": observation["image"][0]})
-    with pytest.raises(ValueError, match="touch"):
-        pack_observation({**observation, "touch": observation["touch"].astype(float)})
+def test_an_observation_of_another_length_is_refused():
     with pytest.raises(WireError):
         unpack_observation(b"123")
 

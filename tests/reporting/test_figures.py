@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.reporting.charts import Bar
+from minitouch_bench.reporting.charts import Band
 from minitouch_bench.reporting.figures import report_figures, steps_plot
 from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
 from minitouch_bench.runs.actions import ForceStep
@@ -12,7 +12,12 @@ def parts(*runs):
 
 
 def bars(chart):
-    return [mark for mark in chart.marks if isinstance(mark, Bar)]
+    return [mark for mark in chart.marks if isinstance(mark, Band)]
+
+
+def height(bar):
+    (_, bottom), (_, top), *_ = bar.points
+    return top - bottom
 
 
 def test_histograms_stack_to_100_percent_on_one_axis():
@@ -23,10 +28,10 @@ def test_histograms_stack_to_100_percent_on_one_axis():
     first, second = steps_plot("pushing", panels).charts
     assert first.y == second.y
     assert first.y.high >= 100
-    assert sum(bar.top - bar.bottom for bar in bars(first)) == pytest.approx(100)
+    assert sum(height(bar) for bar in bars(first)) == pytest.approx(100)
     assert [bar.tone for bar in bars(first)] == ["success", "success", "limit"]
     # An episode at the limit has a bar of its own behind 190-199.
-    assert bars(first)[-1].left > 200
+    assert bars(first)[-1].points[0][0] > 200
 
 
 def test_the_paper_is_never_on_an_axis_of_touch(hac):

@@ -2,6 +2,7 @@ import io
 import os
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,20 +33,27 @@ SPECS = tuple(EpisodeSpec(Role.FINAL, "pushing", index, 1) for index in range(2)
 GOOD = np.zeros((3, 4), np.float32)
 
 
+class Boom:
+    def __reduce__(self):
+        return os.mkdir, ("executed",)
+
+
 @pytest.mark.parametrize(
     ("array", "words"),
     [
         (np.full((3, 4), 1.001, np.float32), "beyond -1 to 1"),
         (np.zeros((3, 5), np.float32), r"not float32 \(T, 4\)"),
         (np.zeros((201, 4), np.float32), "0 to 200 actions"),
-        (np.array([{}], object), "another kind"),
+        (np.array([Boom()], object), "another kind"),
         (np.zeros(10_000_000, np.float32), "declares 40000128 bytes"),
     ],
 )
-def test_what_are_no_actions_is_refused_before_it_is_unpacked(tmp_path, array, words):
+def test_what_are_no_actions_is_refused_before_it_is_unpacked(tmp_path, monkeypatch, array, words):
+    monkeypatch.chdir(tmp_path)
     np.savez_compressed(tmp_path / ACTIONS_FILE, **{"pushing/0": array})
     with pytest.raises(RunDirectoryError, match=words):
         read_actions(tmp_path, SPECS)
+    assert not Path("executed").exists()
 
 
 MORE_THAN_THERE_IS = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 4), }"

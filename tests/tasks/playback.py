@@ -1,10 +1,6 @@
-"""Episodes of fixed actions, and the digest of everything seen in them.
-
-As a program it prints the digest of one: ``python -m tests.tasks.playback TASK SEED STEPS``.
-"""
+"""Episodes of fixed actions, and the digest of everything seen in them."""
 
 import hashlib
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -45,7 +41,3 @@ def play(environment: MiniTouchEnv, seed: int, steps: int) -> Iterator[str]:
 def digest(environment: MiniTouchEnv, seed: int, steps: int) -> str:
     """Return the digest of a whole episode."""
     return list(play(environment, seed, steps))[-1]
-
-
-if __name__ == "__main__":
-    print(digest(MiniTouchEnv(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))

@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -133,13 +131,6 @@ def test_the_same_bits_twice_and_after_other_episodes(environment):
     assert digest(environment, 7, STEPS) == first != other
 
 
-@pytest.mark.parametrize("task", TASK_CLASSES)
-def test_the_same_bits_in_a_fresh_process(task, environments):
-    command = [sys.executable, "-m", "tests.tasks.playback", task, "7", str(STEPS)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == digest(environments[task], 7, STEPS)
-
-
 @pytest.mark.parametrize(("one", "other"), [("pushing", "pushing"), ("pick-up", "opening")])
 def test_two_interleaved_environments_do_not_disturb_each_other(one, other, environments):
     first, second = environments[one], MiniTouchEnv(other)
@@ -201,20 +192,6 @@ def test_an_action_that_is_no_number_never_reaches_the_simulator(environment):
     environment.reset(seed=2)
     for before, action in zip(seen, random_actions(environment, 2, 3), strict=True):
         assert equal(before, environment.step(action)[0])
-
-
-@pytest.mark.parametrize("task", ["opening", "pushing"])
-def test_four_or_five_numbers_serve_every_task(task, environments):
-    environment = environments[task]
-    moves = {}
-    for size in (4, 5):
-        environment.reset(seed=2)
-        given = np.linspace(0.1, 0.9, 5, dtype=np.float32)[:size]
-        *_, info = environment.step(given)
-        moves[size] = info["action"].tolist()
-        assert info["action"][:4].tolist() == given[:4].tolist()
-    assert len(moves[4]) == len(moves[5]) == environment.action_space.shape[0]
-    assert moves[4][4:] == [0.0] * (len(moves[4]) - 4)
 
 
 def test_an_action_out_of_range_is_clipped_and_counted(environment):

@@ -9,7 +9,7 @@ import pytest
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.policies import kernel, sandbox
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, weakest
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import InProcessPolicy, effective_level, isolate, try_policy
 from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source
@@ -125,7 +125,6 @@ def test_levels_that_cannot_be_had_are_named_as_they_are():
     assert effective_level(scripted, Isolation.SANDBOX) is Isolation.NONE
     assert effective_level(zero, Isolation.SANDBOX) is Isolation.SANDBOX
     plan = make_plan("smoke")
-    assert weakest([Isolation.SANDBOX, Isolation.PROCESS]) is Isolation.PROCESS
     assert PolicySetup(plan, zero).isolation_level() is Isolation.SANDBOX
     assert PolicySetup(plan, zero, remote).isolation_level() is Isolation.SANDBOX
     assert PolicySetup(plan, remote, remote).isolation_level() is Isolation.PROCESS
