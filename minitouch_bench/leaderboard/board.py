@@ -21,7 +21,6 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.reporting.labels import PAPER_METHODS, paper_values
 from minitouch_bench.reporting.pages import Ending, ending_of
 
 CEILING = "scripted"
@@ -31,28 +30,6 @@ CALIBRATION_POLICIES = (CEILING, *FLOORS)
 
 TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""
-
-
-@dataclass(frozen=True)
-class PublishedValue:
-    """A value of the paper's Table 4, from other episodes and object sets; never ranked.
-
-    Where ``is_our_unit`` is false the paper does not say what it counts: never compare it with an
-    estimate of the board.
-    """
-
-    task: str
-    metric: str
-    value: float
-    is_our_unit: bool
-
-
-@dataclass(frozen=True)
-class PublishedMethod:
-    """A method of the paper's Table 4."""
-
-    method: str
-    values: tuple[PublishedValue, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,14 +163,13 @@ class Board:
     """
 
     format: Literal["minitouch-leaderboard"]
-    version: Literal[4]
+    version: Literal[5]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
     unranked: tuple[BoardRow, ...]
     calibration: tuple[BoardRow, ...]
     missing_calibration: tuple[str, ...]
-    paper: tuple[PublishedMethod, ...]
     other_protocol: tuple[LeftOut, ...]
     refused: tuple[LeftOut, ...]
     pairs: Mapping[str, tuple[Pair, ...]]
@@ -223,14 +199,13 @@ def make_board(findings: Sequence[SubmissionFindings]) -> Board:
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
         format="minitouch-leaderboard",
-        version=4,
+        version=5,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.is_ranked),
         unranked=tuple(row for row in submitted if not row.is_ranked),
         calibration=tuple(rows[name] for name in CALIBRATION_POLICIES if name in rows),
         missing_calibration=tuple(name for name in CALIBRATION_POLICIES if name not in rows),
-        paper=tuple(map(_published, PAPER_METHODS)),
         other_protocol=tuple(left_out[True]),
         refused=tuple(left_out[False]),
         pairs={key: table.pairs for key, table in rankings.items()},
@@ -297,11 +272,3 @@ def _same_episodes(findings: Mapping[str, SubmissionFindings]) -> dict[str, set[
             if name != other and (other in proved or name not in proved):
                 others.setdefault(name, set()).add(other)
     return others
-
-
-def _published(method: str) -> PublishedMethod:
-    values = (
-        PublishedValue(task, metric, float(printed.text), printed.is_our_unit)
-        for (task, metric), printed in paper_values(method).items()
-    )
-    return PublishedMethod(method, tuple(values))

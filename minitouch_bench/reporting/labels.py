@@ -91,12 +91,6 @@ def paper_value(task: str, metric: str, method: str) -> PaperValue | None:
     return PaperValue(text, is_our_unit=metric not in _METRICS_OF_UNKNOWN_UNIT)
 
 
-def paper_values(method: str) -> dict[tuple[str, str], PaperValue]:
-    """Return every value of a method, by task and metric."""
-    values = {key: paper_value(*key, method) for key in _PRINTED}
-    return {key: value for key, value in values.items() if value is not None}
-
-
 def paper_cell(task: str, metric: str, method: str) -> Cell:
     """Write a value of the paper; one in another unit is marked, and no number to sort by."""
     value = paper_value(task, metric, method)
