@@ -112,6 +112,9 @@ class Rank:
     best: int
     worst: int
 
+    def __str__(self) -> str:
+        return f"{self.best} to {self.worst}" if self.worst > self.best else f"{self.best}"
+
 
 @dataclass(frozen=True)
 class Pair:

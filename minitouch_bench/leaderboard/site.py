@@ -21,7 +21,7 @@ from minitouch_bench.leaderboard.board import (
     BoardRow,
     make_board,
 )
-from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Rank
+from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import (
     BOARD_GOALS,
     BOARD_TASKS,
@@ -182,7 +182,7 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
 def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> str:
     """Write the page of a submission, whose row is on the ``board``."""
     path = f"{found.directory.resolve().parent.name}/{row.name}"
-    ranks = {key: _rank_text(rank) for key, rank in row.ranks.items()}
+    ranks = {key: f"rank {rank}" for key, rank in row.ranks.items()}
     return render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,
@@ -224,10 +224,6 @@ def _caption(found: SubmissionFindings, video: str) -> str:
         if spec.key.replace("/", "-") == stem:
             return f"{folder}, {spec.key}: {ending_of(episode)}, {episode.steps} control steps"
     return stem
-
-
-def _rank_text(rank: Rank) -> str:
-    return f"rank {rank.best} to {rank.worst}" if rank.worst > rank.best else f"rank {rank.best}"
 
 
 def _card(row: BoardRow, task: str, rank: str) -> Card:

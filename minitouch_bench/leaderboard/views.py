@@ -86,14 +86,8 @@ class BoardView:
         rows = []
         for line in self.lines:
             name = line.name if line.kind == RANKED else f"{line.name} ({line.kind})"
-            rows.append(tables.Row((_rank_text(line.rank), name), line.cells))
+            rows.append(tables.Row((str(line.rank or tables.ABSENT), name), line.cells))
         return Table(self.title, ("Rank", "Submission"), self.columns, tuple(rows))
-
-
-def _rank_text(rank: Rank | None) -> str:
-    if rank is None:
-        return tables.ABSENT
-    return f"{rank.best}" + (f" ({rank.best} to {rank.worst})" if rank.worst > rank.best else "")
 
 
 def views(board: Board) -> tuple[BoardView, ...]:
