@@ -4,7 +4,7 @@ from pathlib import Path
 
 from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import LocalEngine
+from minitouch_bench.evaluation.rollout import EpisodeRunner, LocalEngine
 from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
@@ -13,6 +13,17 @@ from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 
 TASKS = ("pushing", "opening", "pick-up")
+
+
+class Here:
+    """An engine without workers, which is quicker for a few episodes."""
+
+    workers = 1
+
+    def run(self, source, specs):
+        runner = EpisodeRunner(source)
+        yield from map(runner.run, specs)
+        runner.close()
 
 
 def request(

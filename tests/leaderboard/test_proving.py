@@ -38,7 +38,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run, run_json
 from tests.altered import edit_actions, edit_document
-from tests.evaluation.runs import request, run
+from tests.evaluation.runs import Here, request, run
 from tests.leaderboard.synthetic import FRESH_RESULT, VIDEO, prove_as
 
 PLACE = "seed-0/table4"
@@ -67,7 +67,7 @@ def found(finished, tmp_path):
 
 
 def prover(found, engine=None):
-    return Prover(found, engine or LocalEngine(1), rng=np.random.default_rng(3))
+    return Prover(found, engine or Here(), rng=np.random.default_rng(3))
 
 
 def swap(actions):
@@ -96,11 +96,10 @@ def test_an_honest_run_replays_and_its_policy_gives_the_same_actions(found):
     assert len(done) == 3
 
 
-class FailingEngine(LocalEngine):
+class FailingEngine(Here):
     """An engine on which a policy fails in some episodes; replaying works."""
 
     def __init__(self, failing, *, is_late=False):
-        super().__init__(1)
         self.failing, self.is_late = failing, is_late
         self.times = []
 
@@ -170,7 +169,7 @@ def with_policy(found, **changes):
 
 def test_a_checkpoint_that_is_not_there_cannot_be_run_again(found):
     """What was replayed is proved."""
-    done = prove(with_policy(found, kind="native", digest="0" * 64), LocalEngine(1))
+    done = prove(with_policy(found, kind="native", digest="0" * 64), Here())
     assert "checkpoint of seed 0 is not in the submission" in str(done.error)
     assert not done.passed
     assert find_proof(found.directory, found.files).level is REPLAYED
@@ -217,7 +216,7 @@ def test_a_server_s_or_a_class_s_policy_is_replayed_at_most(found, kind):
     """The address in a stranger's run is not contacted, and no class of it is imported."""
     remote = with_policy(found, kind=kind, source="http://127.0.0.1:1")
     assert proving.count_episodes(remote) == 2
-    done = prove(remote, LocalEngine(1))
+    done = prove(remote, Here())
     assert (done.passed, done.level) == (True, REPLAYED)
     assert level_of(remote.runs, fresh_proof(remote, [PLACE], 50)) is REPLAYED
 
@@ -292,9 +291,9 @@ def test_a_weaker_proof_does_not_replace_a_stronger_one(found):
     known = fresh_proof(found, [PLACE], 50)
     write_file(proof_path(found.directory), write_json(known))
     known_of = dataclasses.replace(found, proof=known)
-    assert prove(known_of, LocalEngine(1), rerun=1, fresh=1).proof == known
+    assert prove(known_of, Here(), rerun=1, fresh=1).proof == known
     assert find_proof(found.directory, found.files) == known
-    done = prove(found, LocalEngine(1), rerun=1, fresh=1)  # too few fresh episodes for a level
+    done = prove(found, Here(), rerun=1, fresh=1)  # too few fresh episodes for a level
     assert (done.level, done.proof.fresh) == (REPLAYED, None)
 
 
@@ -315,7 +314,7 @@ def proved(found, monkeypatch, step):
     known = fresh_proof(found, [PLACE], 50)
     write_file(proof_path(found.directory), write_json(known))
     monkeypatch.setattr(Prover, "run_again", step)
-    return prove(dataclasses.replace(found, proof=known), LocalEngine(1))
+    return prove(dataclasses.replace(found, proof=known), Here())
 
 
 def differs(prover, _):
@@ -352,7 +351,7 @@ def test_a_check_that_could_not_be_made_leaves_the_proof(found, monkeypatch, err
 
 def test_a_check_ends_when_its_time_is_up(found):
     played = []
-    checking = Prover(found, LocalEngine(1), played.append, time_limit_s=1e-9)
+    checking = Prover(found, Here(), played.append, time_limit_s=1e-9)
     with pytest.raises(IncompleteCheckError, match="not finished within 1e-09 s"):
         checking.replay()
     assert len(played) == 1

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from minitouch_bench.episode import Role
-from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.leaderboard.proof import fresh_seed
 from minitouch_bench.leaderboard.proving import Prover
 from minitouch_bench.leaderboard.submission import (
@@ -18,8 +17,8 @@ from minitouch_bench.leaderboard.submission import (
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from tests.evaluation.runs import Here, run
 from tests.evaluation.runs import request as wanted_run
-from tests.evaluation.runs import run
 
 PLACE = "seed-0/table4"
 CHECKPOINT = checkpoint_place(0, Role.FINAL, "table.pt")
@@ -89,13 +88,13 @@ def found_of(directory, run):
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):
     assert all(episode.success for episode in found.runs[PLACE].rows)
-    prover = Prover(found, LocalEngine(1), rng=np.random.default_rng(0))
+    prover = Prover(found, Here(), rng=np.random.default_rng(0))
     prover.run_again(3)
     assert not prover.problems
 
 
 def test_fresh_episodes_tell(found):
-    prover = Prover(found, LocalEngine(1))
+    prover = Prover(found, Here())
     fresh = prover.run_fresh(FRESH, "a phrase")
     (problem,) = prover.problems
     assert "pushing: success 1.000 officially" in str(problem)

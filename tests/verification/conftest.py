@@ -4,7 +4,6 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.evaluation.engine import ignore
-from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.run import run_json
@@ -30,15 +29,6 @@ def whole(tmp_path_factory) -> Path:
 def copy(whole, tmp_path) -> Path:
     """The same run, to be falsified."""
     return Path(shutil.copytree(whole, tmp_path / "run"))
-
-
-class Here:
-    """An engine without workers, which is quicker for a few episodes."""
-
-    def run(self, source, specs):
-        runner = EpisodeRunner(source)
-        yield from map(runner.run, specs)
-        runner.close()
 
 
 def verify_run(run, engine, on_record=ignore):

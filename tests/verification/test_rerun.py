@@ -8,8 +8,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.replay_check import draw_episodes, prepare_rerun, run_again
-from tests.evaluation.runs import request
-from tests.verification.conftest import WANTED, Here
+from tests.evaluation.runs import Here, request
+from tests.verification.conftest import WANTED
 
 
 @pytest.fixture

@@ -6,7 +6,8 @@ from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.runs.run import read_run
 from tests.altered import edit_actions, edit_document
-from tests.verification.conftest import Here, verify_run
+from tests.evaluation.runs import Here
+from tests.verification.conftest import verify_run
 
 
 def places(directory):
