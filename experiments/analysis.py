@@ -281,8 +281,8 @@ def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
     silent = (others["steps"] - donors).clip(lower=0).sum()
     yield (
         "Forces of another episode: those that the policy felt in the same control step of the "
-        "episode before. After the end of that episode they are 0 N, which the policy never feels "
-        "otherwise (a finger in free air reads 1.0 N): "
+        "episode before. After the end of that episode they are 0 N, which the policy otherwise "
+        "feels at a reset alone (a finger in free air reads 1.0 N). This is so in "
         f"{silent / others['steps'].sum():.2f} of the control steps."
     )
 

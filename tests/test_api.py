@@ -223,9 +223,11 @@ def test_a_training_s_callbacks_are_not_given_up_for_its_progress():
         mt.train("pushing", progress=True, callbacks=NO_CALLBACKS)
 
 
-def test_environments_are_made_by_the_task_s_name():
-    environment = mt.make("playing", objects="train", render_mode="rgb_array")
+@pytest.mark.parametrize("task", ["playing", "pushing"])
+def test_environments_are_made_by_the_task_s_name(task):
+    environment = mt.make(task, objects="train", render_mode="rgb_array")
     environment.reset(seed=3)
+    environment.step(np.zeros(4, np.float32))
     assert environment.unwrapped.object_name not in ("", "cube")
     assert environment.render().shape == (240, 240, 3)
     environment.close()

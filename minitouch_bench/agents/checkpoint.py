@@ -36,7 +36,7 @@ def damage_as(kind: type[MiniTouchError], what: str) -> Iterator[None]:
     """Raise what reading a damaged file causes in a block as an error that says "WHAT: why"."""
     try:
         yield
-    except MiniTouchError:
+    except (MiniTouchError, ImportError, MemoryError):
         raise
     except Exception as error:  # what torch, zipfile, pickle and Minari raise has no common root
         reason = " ".join(str(error).split())[:200] or type(error).__name__

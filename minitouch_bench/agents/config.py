@@ -16,13 +16,14 @@ from minitouch_bench.json_io import read_toml, take_table
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
-Steps = Annotated[int, Meta(ge=0)]
+NotNegative = Annotated[int, Meta(ge=0)]
 Positive = Annotated[int, Meta(ge=1)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-Rate = Annotated[float, Meta(ge=0, le=1e9)]
+Factor = Annotated[float, Meta(ge=0, le=1e9)]
 Entropy = Annotated[float, Meta(ge=-1e3, le=1e3)]
+
 Width = Annotated[float, Meta(ge=1 / 32, le=1)]
-"""Ranges of settings; channels are scaled down from those of Table 3."""
+"""Channels are scaled down from those of Table 3."""
 
 
 def _check(what: str, value: str, known: tuple[str, ...]) -> None:
@@ -51,20 +52,20 @@ class PhaseConfig:
     policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
     """
 
-    steps: Steps
-    learning_rate: Rate = 3e-4
+    steps: NotNegative
+    learning_rate: Factor = 3e-4
     initial_temperature: Annotated[float, Meta(ge=1e-9, le=1e9)] = 0.1
     target_entropy: Entropy = -1.0
     final_target_entropy: Entropy = -1.0
-    entropy_steps: Steps = 0
+    entropy_steps: NotNegative = 0
     reward_scale: Annotated[float, Meta(ge=-1e9, le=1e9)] = 1.0
     n_step: Annotated[int, Meta(ge=1, le=1000)] = 1
     success_share: Share = 0.0
     updates_per_step: Annotated[float, Meta(ge=0, le=1000)] = 1.0
-    keypoint_updates: Steps = 0
-    fitting_updates: Steps = 0
-    prior_weight: Rate = 0.0
-    prior_steps: Steps = 0
+    keypoint_updates: NotNegative = 0
+    fitting_updates: NotNegative = 0
+    prior_weight: Factor = 0.0
+    prior_steps: NotNegative = 0
 
     def prior_weight_at(self, step: int) -> float:
         """Return the weight of the prior after ``step`` control steps of the phase."""
@@ -105,7 +106,7 @@ class CuriosityConfig:
     reward by its standard deviation over the last 100 batches, ``hac``'s over all.
     """
 
-    learning_rate: Rate = 3e-4
+    learning_rate: Factor = 3e-4
     width: Width = 0.25
     normalize: bool = True
     bfloat16: bool = True
@@ -113,7 +114,7 @@ class CuriosityConfig:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """One training: a task, a method, a seed, and every setting.
+    """One training: a task, a method, a seed, and every setting; ``make_config`` checks ranges.
 
     ``without``: senses that actor and critics lack in both phases: ``touch``, ``forces`` or
     ``vision``. Each is constant for them (0 N, the middle of the workspace, a black picture); the
@@ -137,11 +138,11 @@ class TrainingConfig:
     without: tuple[str, ...] = ()
     dataset: str = ""
     design: str = ""
-    episode_steps: Steps = 50
+    episode_steps: NotNegative = 50
     random_steps: Positive = 1000
     replay_size: Annotated[int, Meta(ge=1000)] = 1_000_000
     log_every: Positive = 500
-    evaluate_every: Steps = 5000
+    evaluate_every: NotNegative = 5000
     evaluate_episodes: Annotated[int, Meta(ge=1, le=MAX_EPISODES)] = 10
     checkpoint_every: Positive = 1000
     exploration: PhaseConfig = PhaseConfig(10_000, target_entropy=0.0, updates_per_step=0.5)
@@ -252,7 +253,7 @@ def make_config(
 
     Raises:
         UsageError: no such task or preset, a file that cannot be read, a setting that there is
-            not, or a value of another type.
+            not, or a value of another type or outside its range.
     """
     PROTOCOL.task(task)
     _check("preset", preset, tuple(PRESETS))

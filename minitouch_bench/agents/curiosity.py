@@ -296,7 +296,7 @@ class RandomDistillation(Curiosity):
         flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
         target_head: nn.Module = nn.Linear(inputs, DISTILLED)
-        if self.uses_touch:  # else it would be mapped linearly
+        if self.uses_touch:  # no convolution sees it: one layer alone would map it linearly
             target_head = nn.Sequential(target_head, nn.ReLU(), nn.Linear(DISTILLED, DISTILLED))
         self.target_head = target_head.requires_grad_(False)
         self.maps = _convolutions(config.width)

@@ -348,11 +348,11 @@ class Training:
             self._seconds = state["seconds"]
             vars(self._tally).update(state["tally"])
             self._learner.load_state(state["learner"])
-            if self._is_from_dataset:
-                return
-            self._observation, _ = self._environment.reset(seed=self._episode_seed())
-            for action in self._replay.episode_actions():
-                self._observation = self._environment.step(action)[0]
+        if self._is_from_dataset:
+            return
+        self._observation, _ = self._environment.reset(seed=self._episode_seed())
+        for action in self._replay.episode_actions():
+            self._observation = self._environment.step(action)[0]
 
 
 def append_row(path: Path, row: ProgressRow) -> None:

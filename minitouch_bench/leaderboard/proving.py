@@ -185,7 +185,7 @@ class Prover:
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
                 setup = self._setup(seed, run)
-                records = [*replay_check.play(setup, specs, self.engine, self._take).values()]
+                records = [*replay_check.play_all(setup, specs, self.engine, self._take).values()]
                 failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
                 values = dict(_values(run, records))
                 results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())

@@ -199,9 +199,10 @@ class OutputPipe:
 
 
 class RunningClock:
-    """Seconds that do not pass while this process is stopped: Ctrl-Z, or a machine that sleeps.
+    """Seconds that do not pass while this process is stopped: Ctrl-Z, or a paused container.
 
-    A wait is divided: what one part takes more than twice its time was not the policy's.
+    A wait is divided into parts of at most PART_S. A part that ends more than PART_S late was
+    stopped: the delay does not count. So up to two seconds of a stop count.
     """
 
     PART_S = 1.0

@@ -294,7 +294,7 @@ def reproduce_command(header: RunHeader) -> str:
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
     kinds = {policy.kind for policy in header.policies()}
-    is_chosen = is_isolation_chosen(kinds, header.isolation)
+    is_chosen = "scripted" not in kinds and is_isolation_chosen(kinds, header.isolation)
     if is_chosen:
         words += ["--isolation", header.isolation]
     if is_chosen or "factory" in kinds:

@@ -38,8 +38,8 @@ class Cell:
     """A value as text.
 
     ``small`` is printed below or behind the value: its interval, or a mark. ``title`` says how
-    both were made. A sort goes by ``sort_key``. A terminal shows no ``is_best``, else
-    it is bold.
+    both were made. A sort goes by ``sort_key``. A value that ``is_best`` is bold,
+    but not on a terminal.
     """
 
     text: str = ABSENT

@@ -257,8 +257,11 @@ def make_plan(
     chosen = choose_episodes(episodes_from, known)
     if chosen and (tasks is not None or episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
-    number = known.episodes_per_task if episodes is None else operator.index(episodes)
-    seed = known.seed if seed is None else operator.index(seed)
+    try:
+        number = known.episodes_per_task if episodes is None else operator.index(episodes)
+        seed = known.seed if seed is None else operator.index(seed)
+    except TypeError as error:
+        raise UsageError("episodes and seed are whole numbers") from error
     if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     if objects is not None and not chosen and tasks is None:

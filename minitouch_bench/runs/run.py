@@ -87,7 +87,7 @@ class RunHeader:
 
 
 def is_isolation_chosen(kinds: set[str], isolation: str) -> bool:
-    """Tell whether a user asked for this isolation: it is not what policies of these kinds get."""
+    """Tell whether this isolation is weaker than these kinds of policies need: unofficial."""
     needed = {"process": kinds == {"remote"}, "none": kinds == {"scripted"}}
     return IN_MEMORY not in kinds and not needed.get(isolation, True)
 

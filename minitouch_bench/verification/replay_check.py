@@ -37,7 +37,7 @@ def replay_run(
         InfrastructureError: an episode could not be replayed.
     """
     specs = run.header.specs()
-    records = play(Recording.of(run, specs), specs, engine, on_record)
+    records = play_all(Recording.of(run, specs), specs, engine, on_record)
     return Findings(tuple(_compare(run, records)), replayed=len(records))
 
 
@@ -136,9 +136,9 @@ def run_again(
         IncompleteCheckError: the policy is too slow on this machine, or does not repeat a fault.
         InfrastructureError: an episode failed three times for no fault of the policy.
     """
-    records = play(setup, specs, engine, on_record)
+    records = play_all(setup, specs, engine, on_record)
     late = [spec for spec, record in records.items() if record.is_late]
-    records |= play(setup, late, engine, lambda _: None)
+    records |= play_all(setup, late, engine, lambda _: None)
     late = [spec for spec in late if records[spec].is_late]
     rows = dict(run.specs_and_rows())
     problems: list[Problem] = []
@@ -158,7 +158,7 @@ def run_again(
     return Findings(tuple(problems), reran=len(records))
 
 
-def play(
+def play_all(
     setup: PolicySetup | Recording,
     specs: Sequence[EpisodeSpec],
     engine: Engine,

@@ -162,12 +162,9 @@ def test_training_episodes_can_be_shorter_than_the_task_s(tmp_path):
 
 
 def test_other_settings_are_not_mixed_in(undisturbed):
-    for config, resume in (
-        (replace(CONFIG, exploration=PhaseConfig(31)), True),
-        (replace(CONFIG, task_phase=PhaseConfig(19)), True),
-    ):
+    for phase in ({"exploration": PhaseConfig(31)}, {"task_phase": PhaseConfig(19)}):
         with pytest.raises(RunDirectoryError):
-            run_training(config, undisturbed, resume=resume)
+            run_training(replace(CONFIG, **phase), undisturbed, resume=True)
 
 
 def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):

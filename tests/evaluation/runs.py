@@ -1,5 +1,6 @@
 """Small runs, made the way the command line makes them."""
 
+from contextlib import closing
 from pathlib import Path
 
 from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
@@ -21,9 +22,8 @@ class Here:
     workers = 1
 
     def run(self, source, specs):
-        runner = EpisodeRunner(source)
-        yield from map(runner.run, specs)
-        runner.close()
+        with closing(EpisodeRunner(source)) as runner:
+            yield from map(runner.run, specs)
 
 
 def request(

@@ -116,6 +116,15 @@ def test_characters_that_no_pattern_names(text):
     assert "method" in problem
 
 
+@pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)
+def test_every_stored_submission_is_read_whole(directory):
+    submission, problems = read((directory / "submission.toml").read_text())
+    assert problems == []
+    assert submission.name == directory.name
+    tables = tomllib.loads((directory / "submission.toml").read_text())
+    assert tomllib.loads(write_toml(submission)) == tables
+
+
 def test_the_board_s_json_is_as_its_schema_says(tmp_path):
     both = ("table4", "novel-shapes")
     make_submission(tmp_path / "submissions", "hac", suites=both, exploration=True, faults=1)

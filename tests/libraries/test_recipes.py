@@ -27,6 +27,9 @@ NEEDS = {
 }
 """What a recipe imports, and what pip installs for it."""
 
+EVALUATED = {"sb3_sac": "pushing.zip", "cleanrl_style": "pushing.pt2"}
+"""The file of a policy that a recipe saves to be evaluated."""
+
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
@@ -48,8 +51,10 @@ def test_a_recipe_runs_unchanged(recipe, tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    for policy in tmp_path.glob("pushing.*"):
-        mt.evaluate(str(policy), tasks=["pushing"], episodes=1, output=tmp_path / "run")
+    if recipe in EVALUATED:
+        policy = str(tmp_path / EVALUATED[recipe])
+        played = mt.evaluate(policy, tasks=["pushing"], episodes=1, output=tmp_path / "run")
+        assert not played.faults
 
 
 def test_the_page_shows_every_recipe():

@@ -194,6 +194,15 @@ def test_an_action_that_is_no_number_never_reaches_the_simulator(environment):
         assert equal(before, environment.step(action)[0])
 
 
+@pytest.mark.parametrize(("task", "size"), [("opening", 4), ("pushing", 5)])
+def test_four_or_five_numbers_serve_every_task(task, size, environments):
+    given = np.linspace(0.1, 0.9, size, dtype=np.float32)
+    environments[task].reset(seed=2)
+    *_, info = environments[task].step(given)
+    expected = [*given[:4].tolist(), 0.0] if task == "opening" else given[:4].tolist()
+    assert info["action"].tolist() == expected
+
+
 def test_an_action_out_of_range_is_clipped_and_counted(environment):
     environment.reset(seed=5)
     *_, info = environment.step(zero(environment) + np.float32(0.5))
