@@ -68,6 +68,7 @@ def test_the_example_draws_a_curve_of_runs_and_of_a_training(tmp_path):
     pytest.importorskip("matplotlib", reason="pip install matplotlib")
     rows = "step,episodes,success\n500,4,0.25\n1000,0,\n1500,5,0.4\n"
     (tmp_path / "progress.csv").write_text(rows)
+    (tmp_path / "config.toml").write_text('task = "pushing"\n')
     for name in ("early", "late"):
         write(make_run(name, tasks=("pushing",), episodes=4), tmp_path / name)
     command = [sys.executable, EXAMPLES / "curve.py", ".", "500=early", "1500=late"]
