@@ -201,8 +201,8 @@ class OutputPipe:
 class RunningClock:
     """Seconds that do not pass while this process is stopped: Ctrl-Z, or a paused container.
 
-    A wait is divided into parts of at most PART_S. A part that ends more than PART_S late was
-    stopped: the delay does not count. So up to two seconds of a stop count.
+    A wait is divided into parts of at most PART_S. If a part ends more than PART_S late, this
+    process was stopped, and the delay does not count. So up to two seconds of a stop count.
     """
 
     PART_S = 1.0

@@ -15,7 +15,7 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.tables import Cell, Gauge
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import Run, RunHeader, is_isolation_chosen
+from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"
@@ -294,7 +294,7 @@ def reproduce_command(header: RunHeader) -> str:
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
     kinds = {policy.kind for policy in header.policies()}
-    is_chosen = "scripted" not in kinds and is_isolation_chosen(kinds, header.isolation)
+    is_chosen = "scripted" not in kinds and is_weakly_isolated(kinds, header.isolation)
     if is_chosen:
         words += ["--isolation", header.isolation]
     if is_chosen or "factory" in kinds:

@@ -27,7 +27,7 @@ from minitouch_bench.protocol.minitouch import (
 from minitouch_bench.protocol.spec import CUBE, Split, SuiteSpec
 from minitouch_bench.shapegen import manifest
 
-NAMED = 6
+NAMED_IN_LABEL = 6
 """Chosen episodes that a label names; the rest are counted."""
 
 NOVEL_SUITES = frozenset(suite.name for suite in PROTOCOL.suites if suite.novel_shapes)
@@ -155,7 +155,7 @@ class Plan:
         suite = PROTOCOL.suite(self.suite)
         reasons = [] if suite.rankable else [f"suite {suite.name}"]
         if self.chosen:
-            reasons.append(f"episodes {first_of(self.chosen, NAMED)} only")
+            reasons.append(f"episodes {first_of(self.chosen, NAMED_IN_LABEL)} only")
         elif self.tasks != suite.tasks:
             reasons.append(f"tasks {', '.join(self.tasks)} only")
         if self.episodes != suite.episodes_per_task:

@@ -86,8 +86,8 @@ class RunHeader:
         )
 
 
-def is_isolation_chosen(kinds: set[str], isolation: str) -> bool:
-    """Tell whether this isolation is weaker than these kinds of policies need: unofficial."""
+def is_weakly_isolated(kinds: set[str], isolation: str) -> bool:
+    """Tell whether policies of these kinds are isolated less than they can be: unofficial."""
     needed = {"process": kinds == {"remote"}, "none": kinds == {"scripted"}}
     return IN_MEMORY not in kinds and not needed.get(isolation, True)
 
@@ -100,7 +100,7 @@ def make_header(
     reasons = plan.why_unofficial()
     if IN_MEMORY in kinds:
         reasons += ("policy in memory, beside the simulator",)
-    elif is_isolation_chosen(kinds, isolation):
+    elif is_weakly_isolated(kinds, isolation):
         reasons += (f"isolation: {isolation}",)
     return RunHeader(
         protocol=PROTOCOL.name,

@@ -46,7 +46,7 @@ from minitouch_bench.policies.wire import CLOCK, OutputPipe, wait_for
 silent, _ = os.pipe()
 began = time.monotonic()
 print("waits", flush=True)
-assert not wait_for((silent,), OutputPipe(), CLOCK.now() + 2.0)
+assert not wait_for((silent,), OutputPipe(), CLOCK.now() + 3.0)
 print(time.monotonic() - began)
 """
 
@@ -59,4 +59,4 @@ def test_a_deadline_does_not_run_while_the_evaluation_is_stopped():
         time.sleep(4.0)
         one.send_signal(signal.SIGCONT)
         took = float(one.stdout.read())
-    assert took > 5.4  # 0.5, then 4 of which one second counts, then the last second
+    assert took > 5.9  # 3 s, and the stop less the one second of it that counts
