@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -9,6 +10,8 @@ from pathlib import Path
 from unittest import mock
 
 from minitouch_bench.commands.app import main
+from minitouch_bench.files import JOURNAL_FILE
+from tests.process_tree import wait_until
 
 COMMAND = [sys.executable, "-W", "error::SyntaxWarning", "-m", "minitouch_bench"]
 
@@ -64,6 +67,27 @@ def start(*arguments: object, directory: Path) -> subprocess.Popen[str]:
 def finish(process: subprocess.Popen[str]) -> Finished:
     out, err = process.communicate(timeout=120)
     return Finished(process.returncode, out, err)
+
+
+def wait_for_records(run: Path, count: int, process: subprocess.Popen[str]) -> None:
+    """Wait until so many episodes of a run under way are kept; 0: until it has begun."""
+    journal = run / JOURNAL_FILE
+
+    def is_kept() -> bool:
+        assert process.poll() is None
+        return journal.exists() and journal.read_bytes().count(b"\n") >= count
+
+    wait_until(is_kept, 60)
+
+
+def same_results(one: Path, other: Path) -> None:
+    """Compare two runs; only what they say of the machine and the time may differ."""
+    for name in ("actions.npz", "episodes.csv"):
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    documents = [json.loads((directory / "run.json").read_text()) for directory in (one, other)]
+    for document in documents:
+        del document["environment"]
+    assert documents[0] == documents[1]
 
 
 def run_installed(*arguments: object, directory: Path) -> Finished:

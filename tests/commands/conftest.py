@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,12 @@ SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", 
 def importable(monkeypatch):
     """Let policy processes import ``misbehaved`` from there."""
     monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
+
+
+@pytest.fixture
+def copy(scripted, tmp_path):
+    """A copy of the scripted policy's run."""
+    return shutil.copytree(scripted[1], tmp_path / "copy")
 
 
 @pytest.fixture(scope="session")

@@ -11,10 +11,10 @@ import time
 import pytest
 
 from minitouch_bench.files import JOURNAL_FILE
-from tests.commands.command import finish, start
+from tests.commands.command import finish, same_results, start, wait_for_records
 from tests.commands.command import run_installed as run
 from tests.commands.conftest import SCRIPTED
-from tests.commands.test_evaluate import ONE, same_numbers, wait_for_records
+from tests.commands.test_evaluate import ONE
 from tests.evaluation.ray_nodes import free_port
 from tests.process_tree import command_line, descendants, wait_until
 
@@ -42,7 +42,7 @@ def test_a_ray_started_here_gives_the_same_numbers_and_leaves_nothing(scripted, 
         directory=tmp_path,
     )  # fmt: skip
     assert done.code == 0, done.err
-    same_numbers(tmp_path / "run", scripted[1])
+    same_results(tmp_path / "run", scripted[1])
     document = json.loads(done.out)
     assert document == json.loads((tmp_path / "run" / "run.json").read_text())
     assert document["digest"] == json.loads((scripted[1] / "run.json").read_text())["digest"]

@@ -14,7 +14,7 @@ import pytest
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILES, lock_directory
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from tests.commands.command import finish, run, start
+from tests.commands.command import finish, run, same_results, start, wait_for_records
 from tests.commands.conftest import SCRIPTED
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
@@ -23,11 +23,6 @@ ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 def rows(directory):
     with (directory / "episodes.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def same_numbers(one, other, files=("actions.npz", "episodes.csv")):
-    for name in files:
-        assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
 def test_a_run_leaves_its_files_and_shows_its_table(scripted):
@@ -49,7 +44,7 @@ def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tm
     )
     assert done.code == 0
     assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
-    same_numbers(tmp_path / "run", scripted[1])
+    same_results(tmp_path / "run", scripted[1])
 
 
 @pytest.mark.slow
@@ -177,16 +172,6 @@ def test_a_directory_that_holds_a_run_is_not_touched(scripted):
     assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
 
 
-def wait_for_records(run, count, process):
-    """Wait until so many episodes of a run under way are kept; 0: until it has begun."""
-    deadline = time.monotonic() + 60
-    journal = run / JOURNAL_FILE
-    while not journal.exists() or journal.read_bytes().count(b"\n") < count:
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.005)
-
-
 def test_after_ctrl_c_the_run_is_resumed_with_the_same_result(scripted, tmp_path):
     process = start(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
     wait_for_records(tmp_path / "run", 1, process)
@@ -200,7 +185,7 @@ def test_after_ctrl_c_the_run_is_resumed_with_the_same_result(scripted, tmp_path
     assert "--resume" in broken.err
     done = run(*SCRIPTED, "--output", "run", "--resume", directory=tmp_path)
     assert done.code == 0
-    same_numbers(tmp_path / "run", scripted[1])
+    same_results(tmp_path / "run", scripted[1])
 
 
 def test_ctrl_c_before_the_first_episode_ends_it_as_well(tmp_path):

@@ -1,7 +1,6 @@
 """What a run survives, beyond what the other tests show."""
 
 import contextlib
-import json
 import os
 import random
 import shutil
@@ -12,16 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from tests.commands.command import finish, run, start
-from tests.process_tree import command_line, descendants
+from tests.commands.command import finish, run, same_results, start, wait_for_records
+from tests.process_tree import command_line, descendants, is_alive, wait_until
 
 POLICY = "policy.safetensors"
 OPTIONS = ("--tasks", "pushing,opening", "--episodes", "2", "--workers", "2")
 EVALUATE = ("evaluate", POLICY, *OPTIONS, "--output", "run")
-RESULTS = ("actions.npz", "episodes.csv")
 KILLS = 20
 
 RANDOM = ("evaluate", "random", "--tasks", "pushing,opening", "--episodes", "3", "--workers", "2")
@@ -45,16 +42,6 @@ def place(uninterrupted, tmp_path) -> Path:
     return tmp_path
 
 
-def same_results(one: Path, other: Path) -> None:
-    """Compare two runs; only what they say of the machine and the time may differ."""
-    for name in RESULTS:
-        assert (one / name).read_bytes() == (other / name).read_bytes(), name
-    documents = [json.loads((directory / "run.json").read_text()) for directory in (one, other)]
-    for document in documents:
-        del document["environment"]
-    assert documents[0] == documents[1]
-
-
 def victims(pid: int, kind: str) -> list[int]:
     """Return the workers below the command, or the processes that hold their policies."""
     program = {"worker": b"minitouch_bench.processes", "policy": b"policies.forkserver"}[kind]
@@ -68,12 +55,6 @@ def undisturbed(tmp_path_factory) -> Path:
     done = run(*RANDOM, "--output", "run", directory=directory)
     assert done.code == 0, done.err
     return directory / "run"
-
-
-def begun(run: Path, process: subprocess.Popen[str]) -> None:
-    """Wait until the first episodes are on their way."""
-    while not (run / JOURNAL_FILE).exists() and process.poll() is None:
-        time.sleep(0.02)
 
 
 @pytest.mark.slow
@@ -92,10 +73,7 @@ def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_pat
         below = descendants(process.pid)
         process.kill()
         process.communicate()
-        deadline = time.monotonic() + 10
-        while any(Path(f"/proc/{child}/exe").exists() for child in below):
-            assert time.monotonic() < deadline, "a child outlived its parent"
-            time.sleep(0.05)
+        wait_until(lambda left=below: not any(map(is_alive, left)), 10)
         if (place / "run.json").exists():  # it had ended: the next begins anew
             same_results(place, undisturbed)
             shutil.rmtree(place)
@@ -113,7 +91,7 @@ def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, k
     killed = 0
     while killed < KILLS:
         process = start(*RANDOM, "--output", place, "--fresh", directory=tmp_path)
-        begun(place, process)
+        wait_for_records(place, 0, process)
         for _ in range(2):  # an episode is tried three times
             time.sleep(chance.uniform(0.3, 2.0))
             if found := victims(process.pid, kind):

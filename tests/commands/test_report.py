@@ -6,9 +6,7 @@ from tests.altered import edit_document
 from tests.commands.command import run
 
 
-def test_one_run_is_shown_and_drawn_again(scripted, tmp_path):
-    copy = tmp_path / "again"
-    shutil.copytree(scripted[1], copy)
+def test_one_run_is_shown_and_drawn_again(copy, tmp_path):
     (copy / "report.html").unlink()
     done = run("report", copy, directory=tmp_path)
     assert done.code == 0
@@ -26,9 +24,7 @@ def test_the_report_of_another_run_is_not_replaced(scripted, tmp_path):
     assert (tmp_path / "first" / "report.html").read_bytes() == before
 
 
-def test_forces_that_are_missing_are_replayed(scripted, tmp_path):
-    copy = tmp_path / "again"
-    shutil.copytree(scripted[1], copy)
+def test_forces_that_are_missing_are_replayed(copy, tmp_path):
     kept = (copy / "forces.csv").read_bytes()
     assert b"pushing" in kept
     (copy / "forces.csv").unlink()
@@ -45,10 +41,8 @@ def test_forces_that_are_missing_are_replayed(scripted, tmp_path):
     assert not (copy / "forces.csv").exists()
 
 
-def test_runs_are_called_what_the_user_says(scripted, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(scripted[1], other)
-    both = (scripted[1], other)
+def test_runs_are_called_what_the_user_says(scripted, copy, tmp_path):
+    both = (scripted[1], copy)
     done = run("report", *both, "--names", "old, new", "--output", "both", directory=tmp_path)
     assert done.code == 0
     page = (tmp_path / "both" / "report.html").read_text()

@@ -1,5 +1,4 @@
 import json
-import shutil
 import socket
 from dataclasses import replace
 
@@ -10,11 +9,6 @@ from tests.commands.command import run
 from tests.leaderboard.synthetic import official_run, write_official
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
-
-
-@pytest.fixture
-def copy(scripted, tmp_path):
-    return shutil.copytree(scripted[1], tmp_path / "run")
 
 
 def test_a_true_run_is_verified_and_run_again(scripted):

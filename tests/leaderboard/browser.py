@@ -3,13 +3,14 @@
 import json
 import shutil
 import subprocess
-import time
 import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
 import websocket
+
+from tests.process_tree import wait_until
 
 CHROMIUM = shutil.which("chromium")
 QUIET = (
@@ -39,18 +40,16 @@ class Browser:
 
     def _address(self, profile: Path) -> str:
         port_file = profile / "DevToolsActivePort"
-        deadline = time.monotonic() + 60
-        while not port_file.exists() or not port_file.read_text().strip():
-            assert time.monotonic() < deadline, "the browser does not start"
-            time.sleep(0.05)
+        wait_until(lambda: port_file.exists() and port_file.read_text().strip() != "", 60)
         port = port_file.read_text().splitlines()[0]
-        while True:
+
+        def tabs() -> list[str]:
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
-                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
-            if tabs:
-                return str(tabs[0]["webSocketDebuggerUrl"])
-            assert time.monotonic() < deadline, "the browser has no tab"
-            time.sleep(0.05)
+                found = json.load(answer)
+            return [tab["webSocketDebuggerUrl"] for tab in found if tab["type"] == "page"]
+
+        wait_until(lambda: tabs() != [], 60)
+        return tabs()[0]
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Give one command and return its result."""
@@ -74,18 +73,13 @@ class Browser:
 
     def open(self, page: Path, fragment: str = "") -> None:
         """Open a file and wait until it is there, what was said of the page before forgotten."""
-        deadline = time.monotonic() + 60
         self.call("Page.navigate", url="about:blank")
-        while self.run("location.href") != "about:blank":
-            assert time.monotonic() < deadline
+        wait_until(lambda: self.run("location.href") == "about:blank", 60)
         self.messages.clear()
         self.requests.clear()
         self.call("Page.navigate", url=page.as_uri() + fragment)
-        while self.run("document.readyState") != "complete" or self.run("location.href") == (
-            "about:blank"
-        ):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        there = "document.readyState == 'complete' && location.href != 'about:blank'"
+        wait_until(lambda: self.run(there), 60)
 
     def run(self, script: str) -> Any:
         """Evaluate an expression in the page, or in the one that follows it; return its value."""

@@ -1,13 +1,13 @@
 """The browser of episodes on a run's own page, in a real browser."""
 
 import json
-import time
 from dataclasses import replace
 
 import pytest
 
 from minitouch_bench.reporting.pages import BrowsedRun, browser_data
 from minitouch_bench.reporting.report import build_report, write_page
+from tests.process_tree import wait_until
 from tests.reporting.synthetic import make_run, write
 
 CELLS = "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[{}].textContent)"
@@ -46,9 +46,7 @@ def test_failures_come_first_and_a_viewer_opens_where_there_is_one(browser, page
     )
     assert browser.messages == []
     browser.click(".episodes tbody a.pick")
-    deadline = time.monotonic() + 20
-    while browser.run("document.title") != "the viewer":
-        assert time.monotonic() < deadline
+    wait_until(lambda: browser.run("document.title") == "the viewer")
 
 
 def test_a_policy_fault_has_the_touch_share_of_the_tables(hac):
