@@ -29,7 +29,12 @@ from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_m
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, Share, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.labels import reproduce_command, tasks_in_order
+from minitouch_bench.reporting.labels import (
+    reproduce_command,
+    run_labels,
+    run_names,
+    tasks_in_order,
+)
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader, run_digest
 
@@ -222,9 +227,10 @@ def judge_runs(
     effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
     per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
+    names = run_names((baseline, candidate))
     return GateResult(
-        baseline=ComparedRun.of("baseline", baseline, paths[0]),
-        candidate=ComparedRun.of("candidate", candidate, paths[1]),
+        baseline=ComparedRun("baseline", names[0], paths[0], run_labels(baseline)),
+        candidate=ComparedRun("candidate", names[1], paths[1], run_labels(candidate)),
         decision=endpoint.decision,
         settings=settings,
         identical=identical,

@@ -19,7 +19,6 @@ from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metr
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.labels import run_labels
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import NAMED, Run
 
@@ -284,11 +283,6 @@ class ComparedRun:
     name: str
     path: str
     labels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, title: str, run: Run, path: str) -> "ComparedRun":
-        """Return a finished run under a title."""
-        return cls(title, printable(run.name), path, run_labels(run))
 
 
 @dataclass(frozen=True)
