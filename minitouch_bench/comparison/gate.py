@@ -29,12 +29,7 @@ from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_m
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, Share, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.labels import (
-    reproduce_command,
-    run_labels,
-    run_names,
-    tasks_in_order,
-)
+from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader, run_digest
 
@@ -227,7 +222,7 @@ def judge_runs(
     effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
     per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
-    names = run_names((baseline, candidate))
+    names = [printable(run.header.policy.name) for run in (baseline, candidate)]
     return GateResult(
         baseline=ComparedRun("baseline", names[0], paths[0], run_labels(baseline)),
         candidate=ComparedRun("candidate", names[1], paths[1], run_labels(candidate)),
