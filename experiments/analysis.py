@@ -278,12 +278,14 @@ def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
     count = others["index"].max() + 1
     before = others[[*KEY, "index"]].assign(index=(others["index"] - 1) % count)
     donors = lengths[pd.MultiIndex.from_frame(before)].to_numpy()
-    silent = (others["steps"] - donors).clip(lower=0).sum()
+    silent = (others["steps"] - donors).clip(lower=0)
+    methods = others["method"]
+    shares = (silent.groupby(methods).sum() / others["steps"].groupby(methods).sum()).items()
     yield (
         "Forces of another episode: those that the policy felt in the same control step of the "
         "episode before. After the end of that episode they are 0 N, which the policy otherwise "
-        "feels at a reset alone (a finger in free air reads 1.0 N). This is so in "
-        f"{silent / others['steps'].sum():.2f} of the control steps."
+        "feels at a reset alone (a finger in free air reads 1.0 N). Share of the control steps in "
+        f"which this is so: {', '.join(f'`{method}` {share:.2f}' for method, share in shares)}."
     )
 
 

@@ -52,10 +52,11 @@ Sides = Sequence[Sequence[np.ndarray]]
 """The better arm's and the worse arm's seeds' values, task by task."""
 
 COLUMNS = [
-    "claim", "task", "better_mean", "worse_mean", "detectable", "p", "p_reversed", "verdict",
-    "p_whole_seeds", "p_whole_seeds_reversed",
+    "claim", "task", "better_mean", "worse_mean", "difference", "low", "high", "detectable", "p",
+    "p_reversed", "verdict", "p_whole_seeds", "p_whole_seeds_reversed",
 ]  # fmt: skip
-CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "not decided"
+CONFIRMED, CONTRADICTED = "confirmed", "contradicted"
+UNDECIDED, OPEN = "not decided", "not decided yet"
 UNTESTED, WAITING = "not tested", "waits for trainings"
 
 VARIANTS = (
@@ -78,67 +79,79 @@ NOTES = (
     "permutation of the seeds between the two variants within each task, one-sided. One task alone "
     "can decide the sum. *Explores* includes the touch share in Playing, which is close to what "
     "HaC is paid for.",
+    "Difference: of the means over the tasks, with a 95 % interval over training seeds, as in the "
+    "touch number below; not corrected. No verdict uses it.",
     "p: adjusted by Holm's method over all claims; one that waits for trainings counts as 1. So p "
-    "can only fall when more variants are finished: a decided claim stays decided, another can "
-    "still become so. A single task is tested only inside a decided claim, in its direction, with "
-    "Holm's method over the claim's tasks: the chance of a false result is at most 5 % in a claim, "
-    "but not over all single tasks.",
-    f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction. "
-    "The chance of one or more false confirmations is at most 5 %, and so is that of false "
-    "contradictions, if equal variants have equal distributions and the values of one seed in "
-    "several tasks are independent. Where a variant fails in some seeds no bound is known: a "
-    "variant that fails in one of ten trainings shows no failure in 0.19 of all studies with two "
-    "tasks and eight seeds.",
+    "can only fall when more variants are finished: a decided claim stays decided, and one that is "
+    f"*{OPEN}* can become so. A single task is tested only inside a decided claim, in its "
+    "direction, with Holm's method over the claim's tasks: the chance of a false result is at most "
+    "5 % in a claim, but not over all single tasks.",
+    f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction; "
+    "then p of the claim and of its tasks is that of the reverse. The chance of one or more false "
+    "confirmations is at most 5 %, and so is that of false contradictions (of either: 10 %), if "
+    "equal variants have equal distributions and the values of one seed in several tasks are "
+    "independent. Where a variant fails in some seeds no bound is known: a variant that fails in "
+    "one of ten trainings shows no failure in 0.19 of all studies with two tasks and eight seeds.",
     f"{SHARED_NOTE} The first weights of a seed are also alike in all tasks. Where this makes its "
     "values alike over tasks, but not over variants, the tests err more often. *p, whole seeds* "
     "repeats the test with one value per seed, its sum over the tasks, so it does not need this "
     "independence. No verdict uses it.",
     f"Detectable: the difference in each task that {100 * POWER:.0f} % of such studies would "
     "confirm at the strictest level of the correction (simulated, with normal values that vary as "
-    "these do). For a single task this also assumes that the whole claim is confirmed. A dash: the "
-    "values of both variants do not vary in a task, or the worse one leaves no room for the "
-    "difference.",
+    "these do); of a contradicted claim, in its reverse. For a single task this also assumes that "
+    "the whole claim is decided, which is seldom so if only this task differs. A dash: the values "
+    "of both variants do not vary in a task, or the worse one leaves no room for the difference.",
     "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
     "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
-    "[explores less than random actions](../../results/notebook.md#is-the-learner-right). A "
-    "variant without forces lacks them in both phases, so *to act* includes what felt forces do "
-    "for exploration.",
+    "[explores less than random actions](../../results/notebook.md#is-the-learner-right): the last "
+    "two claims can also be confirmed because RND's curiosity is poor. A variant without forces "
+    "lacks them in both phases, so *to act* includes what felt forces do for exploration.",
     "In the first 10,000 control steps of the task phase a penalty, which fades, keeps the "
     "policy near the exploration policy, so poor exploration costs success too. Settings and "
     "lengths were chosen with `hac`.",
     "The tests were written before the design was locked, and are not part of it. Added since "
     "then, while only rows of `hac` existed: intervals end at -1 and 1; the differences *forces "
     "felt* and the sentence that can be quoted; what finished policies rely on; p of whole "
-    "seeds; *not tested* in place of *not decided* for the tasks of an undecided claim.",
+    "seeds; *not tested* in place of *not decided* for the tasks of an undecided claim. Later, "
+    "while 23 of 24 trainings of `hac-no-forces` and none of the other three variants were "
+    f"finished: the column *Difference*, *{OPEN}*, *not confirmed*, *opposite sign*, success "
+    "without a change beside what policies rely on, the names of the touch number's columns, and "
+    "words of these notes. No test was changed.",
 )
 
 NUMBER_NOTE = (
-    "Success (touch share in Playing). Forces felt: `hac` less `hac-no-forces`, which the claim "
-    "*Forces that are felt help to act* is about. All of touch: `hac` less `rnd-no-forces`. Its "
-    "two parts add up to it: HaC's curiosity in place of RND's (exploring), and forces that are "
-    "felt in both phases (acting). Each is the mean of the two comparisons that differ in it alone "
-    "(Shapley's division). 95 % intervals over training seeds: Student's t, not corrected for the "
-    "number of intervals, too narrow where few seeds fail. Seeds are taken as independent between "
-    "variants: where those of one curiosity are alike, the interval of *exploring* is too narrow."
+    "Success (touch share in Playing, where more is not better by itself). HaC, forces felt: `hac` "
+    "less `hac-no-forces`, which the claim *Forces that are felt help to act* is about. Curiosity "
+    "and forces: `hac` less `rnd-no-forces`, that is HaC's curiosity in place of RND's, and forces "
+    "that are felt in both phases. The two parts add up to it. Each is the mean of the two "
+    "comparisons that differ in it alone (Shapley's division): `hac` less `rnd` and "
+    "`hac-no-forces` less `rnd-no-forces` for the curiosity, `hac` less `hac-no-forces` and "
+    "`rnd` less `rnd-no-forces` "
+    "for the forces. Where the two differ, their mean describes neither. The curiosities differ in "
+    "more than touch, so the first part is not the worth of touch for exploring alone. 95 % "
+    "intervals over training seeds: Student's t, not corrected for the number of intervals, too "
+    "narrow where few seeds fail. Seeds are taken as independent between variants: where those of "
+    "one curiosity are alike, the interval of the curiosity's part is too narrow."
 )
 
 RELIANCE_NOTE = (
     "How finished policies act when forces are frozen, late or exchanged. A drop can mean that the "
     "policy uses the forces, or that their combination with the other senses is new to it; it does "
-    "not show what a policy would have learned without forces. A seed that learned nothing counts "
-    f"with a change of 0. Means with 95 % intervals, not corrected for their number: {OVER_SEEDS}; "
-    "with one seed over its episodes."
+    "not show what a policy would have learned without forces. No change: success in the same "
+    "episodes with the forces that are felt. A seed that learned nothing has nothing to lose: it "
+    "counts with a change of 0. Means with 95 % intervals, not corrected for their number: "
+    f"{OVER_SEEDS}; with one seed over its episodes."
 )
 
-FELT = "forces felt"
+FELT = "HaC, forces felt"
 PARTS: Mapping[str, Mapping[str, float]] = {
     FELT: {"hac": 1.0, "hac-no-forces": -1.0},
-    "all of touch": {"hac": 1.0, "rnd-no-forces": -1.0},
-    "for exploring": {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
-    "for acting": {"hac": 0.5, "hac-no-forces": -0.5, "rnd": 0.5, "rnd-no-forces": -0.5},
+    "curiosity and forces": {"hac": 1.0, "rnd-no-forces": -1.0},
+    "of it, curiosity": {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
+    "of it, forces felt": {"hac": 0.5, "hac-no-forces": -0.5, "rnd": 0.5, "rnd-no-forces": -0.5},
 }
-"""Differences of arms, the weight of each: what felt forces are worth in HaC, then all of touch and
-its two parts, which add up to it."""
+"""Differences of arms, the weight of each: what felt forces are worth in HaC; then HaC's curiosity
+and felt forces together, and the part of each, which add up to it."""
 
 
 def stratified_p(better: Sequence[np.ndarray], worse: Sequence[np.ndarray]) -> float:
@@ -184,10 +197,10 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
 
     Returns:
         A row of COLUMNS per pooled claim, and below it one per task ("" where pooled): the means
-        of both arms over tasks and seeds, the detectable difference, the adjusted p-values of the
-        claim and of its reverse, NaN for the tasks of an undecided claim, the verdict, and both
-        p-values with whole seeds, of the pooled claim alone. A claim about an arm that is not
-        finished has one row, without numbers.
+        of both arms over tasks and seeds, their difference with its 95 % interval, the detectable
+        difference, the adjusted p-values of the claim and of its reverse, NaN for the tasks of an
+        undecided claim, the verdict, and both p-values with whole seeds, of the pooled claim alone.
+        A claim about an arm that is not finished has one row, without numbers.
     """
     arms = {arm for arm, _, _ in values}
     sides = {
@@ -205,21 +218,22 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
     rows: list[list[Any]] = []
     for number, claim in enumerate(claims):
         if number not in sides:
-            rows.append([number + 1, "", *[np.nan] * 5, WAITING, np.nan, np.nan])
+            rows.append([number + 1, "", *[np.nan] * 8, WAITING, np.nan, np.nan])
             continue
         pooled, p_values = sides[number], adjusted[number]
         verdict = _verdict(p_values)
-        numbers = _numbers(pooled, len(claims))
-        rows.append([number + 1, "", *numbers, *p_values, verdict, *beside[number]])
+        shown = OPEN if verdict == UNDECIDED and len(sides) < len(claims) else verdict
+        numbers = _numbers(pooled, len(claims), verdict)
+        rows.append([number + 1, "", *numbers, *p_values, shown, *beside[number]])
         singles = [[[one], [other]] for one, other in zip(*pooled, strict=True)]
         for task, single, p_single in zip(
             claim["measure"], singles, _adjusted(singles, len(singles)), strict=True
         ):
-            numbers = _numbers(single, len(singles))
-            tested, found = p_single, verdict if _verdict(p_single) == verdict else UNDECIDED
+            numbers = _numbers(single, len(singles), verdict)
+            tested, shown = p_single, _verdict_inside(verdict, p_single, single)
             if verdict == UNDECIDED:
-                tested, found = (np.nan, np.nan), UNTESTED
-            rows.append([number + 1, task, *numbers, *tested, found, np.nan, np.nan])
+                tested, shown = (np.nan, np.nan), UNTESTED
+            rows.append([number + 1, task, *numbers, *tested, shown, np.nan, np.nan])
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -239,9 +253,22 @@ def _verdict(p_values: tuple[float, float]) -> str:
     return CONFIRMED if p <= ALPHA else CONTRADICTED if p_reversed <= ALPHA else UNDECIDED
 
 
-def _numbers(sides: Sides, family: int) -> tuple[float, float, float]:
+def _verdict_inside(whole: str, p_values: tuple[float, float], sides: Sides) -> str:
+    """Return the verdict on a single task of a claim that is decided, in the claim's direction."""
+    if _verdict(p_values) == whole:
+        return whole
+    difference = float(sides[0][0].mean() - sides[1][0].mean())
+    is_opposite = difference < 0 if whole == CONFIRMED else difference > 0
+    return f"not {whole}" + (", opposite sign" if is_opposite else "")
+
+
+def _numbers(sides: Sides, family: int, verdict: str) -> list[float]:
+    """Return both means, their difference with its interval, and what could be detected."""
     better, worse = (float(np.mean([one.mean() for one in side])) for side in sides)
-    return better, worse, detectable(*sides, ALPHA / family)
+    share = 1 / len(sides[0])
+    weighted = [(share, one) for one in sides[0]] + [(-share, one) for one in sides[1]]
+    higher, lower = sides[::-1] if verdict == CONTRADICTED else sides
+    return [better, worse, *_interval(weighted), detectable(higher, lower, ALPHA / family)]
 
 
 def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level: float) -> float:
@@ -275,33 +302,34 @@ def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level:
 
 
 def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
-    """Return what touch is worth in each task: all of it, and the parts of exploring and acting.
+    """Return what forces and curiosity are worth in each task, by the differences of PARTS.
 
     Args:
         measures: The metric of each task.
         values: Those of the finished arms; what needs another arm is left out.
 
     Returns:
-        A row per task and part of PARTS: task, metric, part, value, low, high. 95 % intervals over
-        training seeds: Student's t, Welch-Satterthwaite degrees of freedom; NaN without variation.
+        A row per task and part of PARTS: task, metric, part, difference, low, high. 95 % intervals
+        over training seeds: Student's t, Welch-Satterthwaite degrees of freedom; NaN without
+        variation.
     """
     rows = []
     for (task, metric), (part, weights) in product(measures.items(), PARTS.items()):
         if all((arm, task, metric) in values for arm in weights):
             seeds = [(weight, values[arm, task, metric]) for arm, weight in weights.items()]
             rows.append((task, metric, part, *_interval(seeds)))
-    return pd.DataFrame(rows, columns=["task", "metric", "part", "value", "low", "high"])
+    return pd.DataFrame(rows, columns=["task", "metric", "part", "difference", "low", "high"])
 
 
 def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, float, float]:
-    value = sum(weight * float(seeds.mean()) for weight, seeds in weighted)
+    difference = sum(weight * float(seeds.mean()) for weight, seeds in weighted)
     parts = [(weight**2 * seeds.var(ddof=1) / len(seeds), len(seeds)) for weight, seeds in weighted]
     variance = sum(part for part, _ in parts)
     if not variance:
-        return value, np.nan, np.nan
+        return difference, np.nan, np.nan
     freedom = variance**2 / sum(part**2 / (count - 1) for part, count in parts)
     half = float(scipy.stats.t.ppf(1 - ALPHA / 2, freedom) * variance**0.5)
-    return value, max(-1.0, value - half), min(1.0, value + half)
+    return difference, max(-1.0, difference - half), min(1.0, difference + half)
 
 
 def values_of(design: Mapping[str, Any], directory: Path) -> Values:
@@ -362,17 +390,18 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFram
     p = pooled["p_reversed"] if pooled["verdict"] == CONTRADICTED else pooled["p"]
     return (
         "**HaC's policies that feel the finger forces, less those that do not: success "
-        f"{worth}** (means of {len(design['seeds'])} training seeds each, 95 % intervals, too "
-        "narrow where few seeds fail; the forces are felt or not in both phases, HaC's curiosity "
-        "has them in both variants). That forces which are felt help, in the sum of these tasks, "
+        f"{worth}** (means of {len(design['seeds'])} training seeds each; 95 % intervals, not "
+        "corrected for their number, too narrow where few seeds fail; the forces are felt or not "
+        "in both phases, HaC's curiosity has them in both variants). That forces which are felt "
+        "help, in the sum of these tasks, "
         f"is {pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}."
     )
 
 
 def _interval_text(row: Any) -> str:
     if np.isnan(row.low):
-        return f"{row.value:+z.3f} (all seeds alike: no interval)"
-    return f"{row.value:+z.3f} [{row.low:+z.3f}, {row.high:+z.3f}]"
+        return f"{row.difference:+z.3f} (all seeds alike: no interval)"
+    return f"{row.difference:+z.3f} [{row.low:+z.3f}, {row.high:+z.3f}]"
 
 
 def _p_text(p: float) -> str:
@@ -393,14 +422,14 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                 [
                     name,
                     f"{claim['better']} \\> {claim['worse']}",
-                    ABSENT if row.verdict == WAITING else means,
+                    *([ABSENT] * 2 if row.verdict == WAITING else (means, _interval_text(row))),
                     ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
                     *(ABSENT if np.isnan(one) else _p_text(one) for one in (p, whole)),
                     row.verdict,
                 ]
             )
-    heads = ["Claim", "Variants", "Means over seeds and tasks", "Detectable", "p", "p, whole seeds"]
-    heads += ["Verdict"]
+    heads = ["Claim", "Variants", "Means over seeds and tasks", "Difference", "Detectable", "p"]
+    heads += ["p, whole seeds", "Verdict"]
     notes = ["", *(f"- {note}" for note in NOTES)]
     return ["## Claims", *table_lines(heads, rows, 2), *notes, ""]
 
@@ -421,19 +450,30 @@ def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]
 def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[str]:
     """Return the table of what other forces than those felt change in finished policies."""
     joined = join_seeds(changes_of(episodes))
-    played = [*dict.fromkeys(joined["conditions"])]
+    played, count = [*dict.fromkeys(joined["conditions"])], design["reliance"]["episodes"]
+    unchanged = episodes[(episodes["suite"] == "table4") & (episodes["conditions"] == "")]
+    unchanged = unchanged[(unchanged["role"] == "final") & (unchanged["index"] < count)]
+    success = unchanged.groupby(["task", "method"])["success"].mean()
     rows = []
     for (task, method), group in joined.groupby(["task", "method"], sort=False):
         of_cell = (episodes["task"] == task) & (episodes["method"] == method)
         seeds = episodes[of_cell]["training_seed"].nunique()
         cells = [estimate_text(group[group["conditions"] == one]) for one in played]
-        rows.append([task_title(str(task)), f"`{method}`", str(seeds), *cells])
+        rows.append(
+            [
+                task_title(str(task)),
+                f"`{method}`",
+                str(seeds),
+                f"{success[task, method]:.3f}",
+                *cells,
+            ]
+        )
     notes = [RELIANCE_NOTE, CONDITIONS_NOTE, *silent_note(episodes)]
     return [
         "## What finished policies rely on",
         "",
-        f"Change of success in the first {design['reliance']['episodes']} official episodes:",
-        *table_lines(["Task", "Variant", "Seeds", *played], rows, 2),
+        f"Success in the first {count} official episodes, and what other forces change of it:",
+        *table_lines(["Task", "Variant", "Seeds", "no change", *played], rows, 2),
         "",
         *(f"- {note}" for note in notes),
     ]
@@ -441,18 +481,19 @@ def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[s
 
 def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
     """Draw the differences of PARTS in each task, with their intervals."""
-    parts, tasks = [*PARTS], [rows for _, rows in numbers.groupby("task", sort=False)]
+    parts = [part for part in PARTS if part in {*numbers["part"]}]
+    tasks = [rows for _, rows in numbers.groupby("task", sort=False)]
     with mpl.rc_context(SAME_BYTES):
         figure, every = plt.subplots(
-            1, len(tasks), figsize=(2.9 * len(tasks), 2.2), sharey=True, squeeze=False,
-            layout="constrained",
+            1, len(tasks), figsize=(2.9 * len(tasks), 0.9 + 0.33 * len(parts)), sharey=True,
+            squeeze=False, layout="constrained",
         )  # fmt: skip
         for axes, rows in zip(every[0], tasks, strict=True):
             axes.axvline(0.0, color="gray", linewidth=0.8)
             for row in rows.itertuples():
                 place = parts.index(row.part)
-                axes.plot([row.low, row.high], [place] * 2, color=COLORS[place], linewidth=2)
-                axes.plot(row.value, place, "o", color=COLORS[place])
+                axes.plot([row.low, row.high], [place] * 2, "|-", color=COLORS[place], linewidth=2)
+                axes.plot(row.difference, place, "o", color=COLORS[place], markersize=4)
             title = f"{task_title(row.task)}: {METRICS[row.metric].label.lower()}"
             axes.set(title=title, xlabel="difference between variants", xlim=(-1.05, 1.05))
             axes.set_yticks(range(len(parts)), parts)

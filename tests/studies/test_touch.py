@@ -60,15 +60,23 @@ def test_single_tasks_are_decided_only_inside_a_decided_claim():
     judged = judge_pooled(CLAIMS, known(hac=0.8, rnd=0.4, sac=0.4)).set_index(["claim", "task"])
     assert {*judged.loc[1, "verdict"]} == {"confirmed"}
     assert [*judged.loc[2, "verdict"]] == ["not decided", "not tested", "not tested"]
+    assert judged["difference"].tolist() == pytest.approx(
+        (judged["better_mean"] - judged["worse_mean"]).tolist()
+    )
+    assert (judged["low"] < judged["difference"]).all()
+    assert (judged["difference"] < judged["high"]).all()
     assert judged["p"].isna().tolist() == [False] * 4 + [True] * 2
     values = known(hac=0.4, rnd=0.8, sac=0.8)
     values["rnd", "pushing", "success"] = values["hac", "pushing", "success"]
     judged = judge_pooled(CLAIMS[:1], values).set_index("task")["verdict"]
     assert judged.to_dict() == {
         "": "contradicted",
-        "pushing": "not decided",
+        "pushing": "not contradicted",
         "pick-up": "contradicted",
     }
+    values["rnd", "pushing", "success"] = values["hac", "pushing", "success"] - 0.1
+    found = judge_pooled(CLAIMS[:1], values).set_index("task").loc["pushing", "verdict"]
+    assert found == "not contradicted, opposite sign"
 
 
 def test_whole_seeds_keep_the_level_where_a_seed_is_alike_in_all_tasks():
@@ -92,6 +100,8 @@ def test_a_claim_that_is_judged_before_others_are_trained_keeps_its_verdict():
     early = {key: seeds for key, seeds in values.items() if key[0] != "sac"}
     first, last = (judge_pooled(CLAIMS, some) for some in (early, values))
     assert [*first[first["claim"] == 2]["verdict"]] == ["waits for trainings"]
+    alike = {key: np.full(8, 0.5) for key in early}
+    assert judge_pooled(CLAIMS, alike).loc[0, "verdict"] == "not decided yet"
     decided, later = (one[one["claim"] == 1].reset_index(drop=True) for one in (first, last))
     assert [*decided["verdict"]] == [*later["verdict"]] == ["confirmed"] * 3
     assert (decided["p"] >= later["p"]).all()
@@ -117,10 +127,15 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
         for arm, mean in means.items()
     }
     numbers = touch_numbers({"pushing": "success"}, values).set_index("part")
-    assert numbers["value"].to_dict() == pytest.approx(
-        {"forces felt": 0.2, "all of touch": 0.6, "for exploring": 0.45, "for acting": 0.15}
+    assert numbers["difference"].to_dict() == pytest.approx(
+        {
+            "HaC, forces felt": 0.2,
+            "curiosity and forces": 0.6,
+            "of it, curiosity": 0.45,
+            "of it, forces felt": 0.15,
+        }
     )
-    all_of_it = numbers.loc["all of touch"]  # Student's t with 14 degrees of freedom
+    all_of_it = numbers.loc["curiosity and forces"]  # Student's t with 14 degrees of freedom
     deviation = np.linspace(-0.07, 0.07, 8).std(ddof=1)
     assert all_of_it["high"] - all_of_it["low"] == pytest.approx(
         2 * 2.1448 * deviation * (2 / 8) ** 0.5, rel=1e-3
@@ -144,7 +159,7 @@ def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
     assert "+0.300 [" in said.partition("in Pushing")[0]
     assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
     assert "is confirmed (adjusted p: " in said
-    assert said.endswith("Pushing: confirmed, Pick-up: not decided.")
+    assert said.endswith("Pushing: confirmed, Pick-up: not confirmed, opposite sign.")
     assert float(said.partition("adjusted p: ")[2][:6]) == pytest.approx(
         judged["p"].iloc[1], abs=1e-4
     )
