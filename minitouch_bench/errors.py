@@ -17,6 +17,7 @@
     │   ├── PolicyKilledError       5   a policy's process was killed from outside
     │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
+    ├── OutOfMemoryError            5   a policy's process was killed while it used much memory
     ├── HopelessRunError            5   its first episodes are all policy faults
     ├── InterruptedRunError       130   Ctrl-C
     └── RunDirectoryError           6   locked, corrupt, or of another run
@@ -105,6 +106,15 @@ class CheckpointChangedError(InfrastructureError):
 
 class IncompleteCheckError(MiniTouchError):
     """A check could not be made: something it needs is missing, or its time is up."""
+
+    exit_code = 5
+
+
+class OutOfMemoryError(MiniTouchError):
+    """A policy's process was killed while it used much memory; its episode is not tried again.
+
+    The policy may have wanted it, to be given another attempt.
+    """
 
     exit_code = 5
 

@@ -17,7 +17,7 @@ import msgspec
 import tomli_w
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.files import MIB, os_errors_as, read_file
+from minitouch_bench.files import KIB, os_errors_as, read_file
 
 Document = TypeVar("Document")
 
@@ -96,14 +96,19 @@ def _descriptions(kind: Any) -> Iterator[tuple[str, str]]:
             parts += part
 
 
+LARGEST_TOML = 64 * KIB
+MAX_DOTS = 4000
+"""In a line: of a key of 32,000 parts tomllib takes 4 GB."""
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a user's TOML file.
 
     Raises:
-        UsageError: it is missing, cannot be read, or is not TOML.
+        UsageError: it is missing, cannot be read, is too large or not TOML.
     """
     with os_errors_as(UsageError, path, "read"):
-        content = read_file(path, MIB, follow=True)
+        content = read_file(path, LARGEST_TOML, follow=True)
     return parse_toml(content, str(path))
 
 
@@ -111,8 +116,10 @@ def parse_toml(content: bytes, name: str) -> dict[str, Any]:
     """Read a TOML text.
 
     Raises:
-        UsageError: it is not TOML.
+        UsageError: it is not TOML, or has a line of too many dots.
     """
+    if max(line.count(b".") for line in content.split(b"\n")) > MAX_DOTS:
+        raise UsageError(f"{name} has a line of more than {MAX_DOTS} dots")
     try:
         return tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:  # both decoding errors are ValueErrors

@@ -9,6 +9,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.cli.options import output_option
+from minitouch_bench.episode import PolicyIdentity
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
@@ -144,7 +145,7 @@ def regress(
         with episode_progress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(header, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
-                refuse_edited(opened)
+                _refuse_unknown_code(refuse_edited(opened).header.policy, directory)
             after = play(setup, opened, running, callbacks)
             with resumable(directory):
                 write_views(after, directory)
@@ -166,6 +167,15 @@ def regress(
 def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
     if baseline is not None and directory.is_dir() and directory.samefile(baseline):
         raise UsageError(f"{directory} holds the baseline; choose another --output")
+
+
+def _refuse_unknown_code(policy: PolicyIdentity, directory: Path) -> None:
+    """Refuse a finished run of code that can have changed since: it has no digest."""
+    if policy.kind in ("factory", "remote"):
+        raise UsageError(
+            f"{directory} holds a finished run of {policy.name}, whose code can be another one "
+            "now: it has no digest.\nGive --fresh in place of --resume to play it again"
+        )
 
 
 def _refuse_contradictions(

@@ -1,29 +1,38 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
-Started by ``connection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT``. FD is a
-socket on which every packet is one JSON object::
+Started by ``connection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``. FD
+is a socket on which every packet is one JSON object. For an episode it brings::
 
-    a StartOrder and two descriptors
-        -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}
+    a StartOrder and its descriptors
+        -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}, which ends it
     a StopOrder
-        -> {"status": -9, "killed": true}   status as in Popen.returncode, 0 without a child
+        -> {"status": -9, "killed": true, "grown_mb": 300}
 
-The descriptors are the child's own: a socket for requests and answers, and a pipe for what it
-prints, so that nothing of one episode can be left in them for the next.
+``status`` is that of Popen.returncode, ``grown_mb`` the MiB by which the policy's process exceeded
+what it was forked with, at most.
 
-The child is an episode of its own: it loads the checkpoint, answers, and ends with the episode.
+The descriptors are a socket for requests and answers, a pipe for what the policy prints, so that
+nothing of one episode can be left in them for the next, and the checkpoint's file, if it has one.
+
+The host forks a reaper for each episode, which reads its orders, forks the policy's process and
+waits for its end. So the host's memory is the same before each episode: what the orders or the
+policy left would otherwise be in the memory of the next policy. The policy's process loads the
+checkpoint, answers, and ends with the episode.
 """
 
 import contextlib
 import gc
 import os
 import random
+import resource
+import select
 import signal
 import socket
 import sys
 import time
+import traceback
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any, NoReturn
 
 import msgspec
@@ -32,93 +41,130 @@ import numpy.random  # loaded lazily otherwise, so again in every child
 
 from minitouch_bench import errors
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
     Isolation,
     action_size,
-    check_permitted,
     close_policy,
     find_loader,
     load_policy,
     warning_of,
 )
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
-from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import core_count, die_with
-from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.protocol.spec import fit_action
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""
 
 POLL_S = 0.002
+KIB_IN_MIB = 1024
 
 
-class Host:
-    """Fork one child an episode, and end the one before."""
+def serve(control: socket.socket, setup: wire.HostSetup) -> None:
+    """Fork a reaper an episode until the other side closes."""
+    sandbox, problem = None, None
+    try:
+        _import_format(setup.kind)
+        sandbox = _make_sandbox(setup)
+    except errors.MiniTouchError as error:
+        problem = {"error": str(error), "class": type(error).__name__}
+    orders = select.poll()
+    orders.register(control, select.POLLIN)
+    host = os.getpid()
+    while True:
+        orders.poll()
+        reaper = os.fork()
+        if reaper == 0:
+            try:
+                die_with(host)
+                if Reaper(control).serve(sandbox, problem):
+                    os._exit(0)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(1)
+        if os.waitpid(reaper, 0)[1]:
+            break
+
+
+class Reaper:
+    """Fork the process of one episode, and end it."""
 
     def __init__(self, control: socket.socket) -> None:
         self._control = control
-        self._child = 0
 
-    def serve(self) -> None:
-        """Obey until the other side closes."""
-        while True:
-            packet, descriptors, _, _ = socket.recv_fds(
-                self._control, wire.MAX_PAYLOAD, 2, CLOSE_ON_EXEC
-            )
-            if not packet:
-                break
-            order = msgspec.json.decode(packet, type=wire.Order)
-            if isinstance(order, wire.StartOrder):
-                answer = self._start(order, descriptors)
-            else:
-                status, killed = self._end_child(order.grace_s)
-                answer = {"status": status, "killed": killed}
-            self._control.sendall(msgspec.json.encode(answer))
-        self._end_child(0.0)
+    def serve(self, sandbox: Sandbox | None, problem: Mapping[str, str] | None) -> bool:
+        """Obey the orders of an episode; return whether another can follow."""
+        packet, descriptors, _, _ = socket.recv_fds(
+            self._control, wire.MAX_PAYLOAD, 3, CLOSE_ON_EXEC
+        )
+        if not packet:
+            return False
+        if problem is not None:
+            self._answer(problem)
+            return True
+        order = msgspec.json.decode(packet, type=wire.StartOrder)
+        channel, output, *files = descriptors
+        if files:
+            read = replace(order.source, content=_read_whole(files[0]))
+            order = msgspec.structs.replace(order, source=read)
+        child = self._fork(order, sandbox, channel, output)
+        for descriptor in (channel, output):
+            os.close(descriptor)
+        self._answer({"pid": child})
+        packet = self._control.recv(wire.MAX_PAYLOAD)
+        stop = msgspec.json.decode(packet, type=wire.StopOrder) if packet else wire.StopOrder(0.0)
+        end = _end_child(child, stop.grace_s)
+        if packet:
+            self._answer(end)
+        return bool(packet)
 
-    def _start(self, order: wire.StartOrder, descriptors: list[int]) -> dict[str, Any]:
-        self._end_child(0.0)
-        try:
-            return {"pid": self._fork(*_prepare(order), *descriptors)}
-        except errors.MiniTouchError as error:
-            return {"error": str(error), "class": type(error).__name__}
-        finally:
-            for descriptor in descriptors:
-                os.close(descriptor)
+    def _answer(self, document: Mapping[str, Any]) -> None:
+        self._control.sendall(msgspec.json.encode(document))
 
     def _fork(
         self, order: wire.StartOrder, sandbox: Sandbox | None, channel: int, output: int
     ) -> int:
-        host = os.getpid()
+        reaper = os.getpid()
         child = os.fork()
         if child == 0:
             try:
                 os.setpgid(0, 0)
-                die_with(host)
-                self._control.close()  # orders to the host are not the policy's to give
+                die_with(reaper)
+                self._control.close()  # orders are not the policy's to give
                 _take_streams(output)
                 serve_episode(order, sandbox, channel)
             finally:
                 os._exit(1)
-        self._child = child
         return child
 
-    def _end_child(self, grace_s: float) -> tuple[int, bool]:
-        """Let the child exit, then kill it with all it started; reap it last, to keep its id."""
-        if not self._child:
-            return 0, False
-        deadline = time.monotonic() + grace_s
-        while (end := _find_end(self._child)) is None and time.monotonic() < deadline:
-            time.sleep(POLL_S)
-        for kill in (os.killpg, os.kill):  # right after the fork it has no group yet
-            # macOS says of a group whose processes have all exited that it is not permitted.
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                kill(self._child, signal.SIGKILL)
-        _, status = end or os.waitpid(self._child, 0)
-        self._child = 0
-        return os.waitstatus_to_exitcode(status), end is None
+
+def _end_child(child: int, grace_s: float) -> dict[str, Any]:
+    """Let the child exit, then kill it with all it started; reap it last, to keep its id."""
+    deadline = time.monotonic() + grace_s
+    while (end := _find_end(child)) is None and time.monotonic() < deadline:
+        time.sleep(POLL_S)
+    for kill in (os.killpg, os.kill):  # right after the fork it has no group yet
+        # macOS says of a group whose processes have all exited that it is not permitted.
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            kill(child, signal.SIGKILL)
+    grown_mb = 0
+    if end:
+        status = end[1]
+    else:
+        _, status, usage = os.wait4(child, 0)
+        own = resource.getrusage(resource.RUSAGE_SELF)
+        grown_mb = (usage.ru_maxrss - own.ru_maxrss) // KIB_IN_MIB
+    code = os.waitstatus_to_exitcode(status)
+    return {"status": code, "killed": end is None, "grown_mb": grown_mb}
+
+
+def _read_whole(descriptor: int) -> bytes:
+    """Return a file's bytes, and close it: a policy could remember by its offset."""
+    try:
+        return os.pread(descriptor, os.fstat(descriptor).st_size, 0)
+    finally:
+        os.close(descriptor)
 
 
 def _take_streams(output: int) -> None:
@@ -139,33 +185,18 @@ def _find_end(child: int) -> tuple[int, int] | tuple[()] | None:
     return end if end[0] else None
 
 
-def _prepare(order: wire.StartOrder) -> tuple[wire.StartOrder, Sandbox | None]:
-    """Import what the kind needs, read its file into the order and make its sandbox, each once."""
-    source, options = order.source, order.options
-    check_permitted(source, options.level, trust=options.trust)
-    _import_format(source.kind)
-    if FORMATS[source.kind].suffixes:
-        read = replace(source, content=_read(source.target, source.digest))
-        order = msgspec.structs.replace(order, source=read)
+def _make_sandbox(setup: wire.HostSetup) -> Sandbox | None:
+    """Return a sandbox that was tried out, None where it is not asked for."""
+    options = setup.options
     if options.level is not Isolation.SANDBOX:
-        return order, None
-    factory = (source.target, options.private) if source.kind == "factory" else ()
-    return order, _make_sandbox(options.limits, factory, options.trust)
-
-
-_read = cache(read_again)
-
-
-@cache
-def _make_sandbox(limits: PolicyLimits, factory: tuple[str, ...], trust: bool) -> Sandbox:
-    """Return a sandbox that was tried out; ``factory``: what ``factory_paths`` is asked for."""
-    paths = factory_paths(*factory) if factory else NOTHING
+        return None
+    paths = factory_paths(setup.factory, options.private) if setup.factory else NOTHING
     # The formats compute on one thread, and only code that is trusted may start others.
-    threads = core_count() if trust else 1
-    return prepare(limits.memory_mb * 2**20, limits.cpu_s * threads, paths, threads=trust)
+    threads = core_count() if options.trust else 1
+    limits = options.limits
+    return prepare(limits.memory_mb * 2**20, limits.cpu_s * threads, paths, threads=options.trust)
 
 
-@cache
 def _import_format(kind: str) -> None:
     try:
         find_loader(kind)
@@ -266,9 +297,10 @@ def _in_words(error: BaseException) -> str:
 def main() -> None:
     """Run the host on the socket named on its command line."""
     descriptor, parent = int(sys.argv[1]), int(sys.argv[2])
+    setup = msgspec.json.decode(sys.argv[3], type=wire.HostSetup)
     die_with(parent)
     with socket.socket(fileno=descriptor) as control:
-        Host(control).serve()
+        serve(control, setup)
 
 
 if __name__ == "__main__":

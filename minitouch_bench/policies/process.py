@@ -7,9 +7,10 @@ import contextlib
 import random
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NoReturn
+from typing import IO, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,9 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
+MUCH_MEMORY_MB = 256
+"""From so many MiB on, a process that was killed may have had the kernel kill it."""
+
 
 class PolicyProcess:
     """Run a policy in a process that is forked afresh for every episode.
@@ -57,6 +61,8 @@ class PolicyProcess:
         self._source = source
         self._options = options
         self._limits = options.limits
+        self._files: dict[str, IO[bytes]] = {}
+        """Each checkpoint as it was when it was read first, by its digest."""
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
         self.warning = ""
@@ -76,17 +82,19 @@ class PolicyProcess:
 
         Raises:
             PolicyLoadError: the checkpoint cannot be loaded.
+            CheckpointChangedError: its file is another one now, or cannot be read.
             IsolationError: this machine has no sandbox to hold it in.
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
+        check_permitted(part, self._options.level, trust=self._options.trust)
         self._end_episode()
         self.target, self._size = part.target, action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
-        self._start(wire.StartOrder(part, task, seed, self._options))
+        self._start(wire.StartOrder(part, task, seed))
         limit_s = self._limits.load_timeout_s
         deadline = wire.CLOCK.now() + limit_s
         self._await_confined(deadline)
@@ -107,6 +115,7 @@ class PolicyProcess:
             PolicyTimeoutError: no answer in time; the child is killed.
             PolicyExitError: the child ended; the text has its code and last line.
             PolicyKilledError: the child was killed from outside.
+            OutOfMemoryError: the same, while it used much memory.
             PolicyRaisedError: the policy's code raised; the text has type and message.
             InfrastructureError: the host process ended.
         """
@@ -124,6 +133,8 @@ class PolicyProcess:
         """End the child and the host."""
         self._end_episode()
         self._drop_host()
+        while self._files:
+            self._files.popitem()[1].close()
 
     def _drop_host(self) -> None:
         self._close_channel()
@@ -138,16 +149,20 @@ class PolicyProcess:
 
     def _start(self, order: wire.StartOrder) -> None:
         """Have a child forked; a host that has ended is replaced, once."""
+        setup = self._setup_for(order.source)
+        if self._host is not None and self._host.setup != setup:
+            self._drop_host()
         for _ in range(2):
             try:
-                self._host = self._host or HostConnection(self._options.level)
+                files = self._open_file(order.source)
+                self._host = self._host or HostConnection(setup)
                 channel = self._channel = EpisodeChannel()
-            except OSError as error:  # too many files are open, or there is no memory
+            except OSError as error:  # too many files are open, or there is no memory or disk
                 text = f"no process can be started for the policy: {error}"
                 raise errors.InfrastructureError(text) from error
             try:
                 limit_s = self._limits.load_timeout_s
-                answer = self._host.order(order, limit_s, channel.descriptors)
+                answer = self._host.order(order, limit_s, (*channel.descriptors, *files))
                 break
             except HostGoneError as error:
                 problem = f"{error}: {self._host.output.last_line()}"
@@ -160,6 +175,24 @@ class PolicyProcess:
             self._close_channel()
             raise getattr(errors, answer["class"])(answer["error"])
         channel.watch(answer["pid"])
+
+    def _setup_for(self, part: PolicySource) -> wire.HostSetup:
+        is_confined = self._options.level is Isolation.SANDBOX
+        if part.kind == "factory" and is_confined:
+            return wire.HostSetup(part.kind, self._options, part.target)
+        return wire.HostSetup(part.kind, replace(self._options, private=""))
+
+    def _open_file(self, part: PolicySource) -> tuple[int, ...]:
+        """Return the descriptor of a copy of a checkpoint's file, if it has one."""
+        if not FORMATS[part.kind].suffixes:
+            return ()
+        if part.digest not in self._files:
+            content = read_again(part.target, part.digest)
+            file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as episodes need it
+            file.write(content)
+            file.flush()
+            self._files[part.digest] = file
+        return (self._files[part.digest].fileno(),)
 
     def _await_confined(self, deadline: float) -> None:
         """Wait for the child's first word, which it says before it looks at the checkpoint."""
@@ -220,9 +253,10 @@ class PolicyProcess:
         self._stop(0.0)
         raise errors.PolicyExitError(f"the policy's process broke the protocol: {error}") from None
 
-    def _exit_error(self) -> errors.PolicyExitError | errors.PolicyKilledError:
+    def _exit_error(self) -> errors.MiniTouchError:
         """Say how a child ended that closed its pipe, and what it printed last."""
-        status, killed, last_line = self._stop(EXIT_GRACE_S)
+        end, last_line = self._stop(EXIT_GRACE_S)
+        status, killed = end["status"], end["killed"]
         if killed:
             text = "the policy's process closed its connection"
         elif status < 0:
@@ -231,39 +265,41 @@ class PolicyProcess:
             text = f"the policy's process was killed by {name}"
         else:
             text = f"the policy's process exited with code {status}"
-        from_outside = not killed and status == -signal.SIGKILL
-        kind = errors.PolicyKilledError if from_outside else errors.PolicyExitError
-        return kind(f"{text}: {last_line}" if last_line else text)
+        if killed or status != -signal.SIGKILL:
+            return errors.PolicyExitError(f"{text}: {last_line}" if last_line else text)
+        if end["grown_mb"] < MUCH_MEMORY_MB:
+            return errors.PolicyKilledError(text)
+        return errors.OutOfMemoryError(
+            f"{text} while it used {end['grown_mb']:,} MiB: use fewer --workers, or a machine with "
+            "more memory, and --resume"
+        )
 
-    def _stop(self, grace_s: float) -> tuple[int, bool, str]:
-        """End the child; return its exit status, whether it was killed here, its last line.
+    def _stop(self, grace_s: float) -> tuple[dict[str, Any], str]:
+        """End the child; return how it ended, and the last line that it printed.
 
         Raises:
             InfrastructureError: the host itself has ended.
         """
         assert self._host is not None
+        assert self._channel is not None
         channel, self._channel = self._channel, None
         try:
-            if channel is not None:
-                channel.hang_up()
+            channel.hang_up()
             answer = self._host.order(wire.StopOrder(grace_s), STOP_TIMEOUT_S)
-            last_line = "" if channel is None else channel.output.last_line()
-            return answer["status"], answer["killed"], last_line
+            return answer, channel.output.last_line()
         except HostGoneError as error:
             self._drop_host()
             raise errors.InfrastructureError(
                 f"the policy's host process ended ({error})"
             ) from error
         finally:
-            if channel is not None:
-                channel.close()
+            channel.close()
 
     def _end_episode(self) -> None:
         """End the last episode's child; if the host is gone, so is the child."""
-        if self._host is None:
-            return
-        with contextlib.suppress(errors.InfrastructureError):
-            self._stop(self._end_grace_s if self._channel is not None else 0.0)
+        if self._channel is not None:
+            with contextlib.suppress(errors.InfrastructureError):
+                self._stop(self._end_grace_s)
 
 
 class InProcessPolicy:

@@ -39,22 +39,26 @@ IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
 OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
 
 
-class StartOrder(msgspec.Struct, frozen=True, tag=True):
+class HostSetup(msgspec.Struct, frozen=True):
+    """What a host has in memory before each episode; ``factory`` has files of its own to read."""
+
+    kind: str
+    options: IsolationOptions
+    factory: str = ""
+
+
+class StartOrder(msgspec.Struct, frozen=True):
     """The order to fork a child for an episode of one checkpoint."""
 
     source: PolicySource
     task: str
     seed: int
-    options: IsolationOptions
 
 
-class StopOrder(msgspec.Struct, frozen=True, tag=True):
+class StopOrder(msgspec.Struct, frozen=True):
     """The order to give the child so long to exit by itself, and then to end it."""
 
     grace_s: float
-
-
-Order = StartOrder | StopOrder
 
 
 class Frame(IntEnum):
@@ -330,18 +334,20 @@ class HostGoneError(Exception):
 class HostConnection:
     """A running host; the kernel kills it when the thread that made it ends."""
 
-    def __init__(self, isolation: Isolation) -> None:
+    def __init__(self, setup: HostSetup) -> None:
+        self.setup = setup
         self._control, theirs = _packet_pair()
         self.output = OutputPipe()
         self._in_order = False
         # In the sandbox a host has nothing in its environment that a policy must not learn.
-        known = HOST_VARIABLES if isolation is Isolation.SANDBOX else os.environ.keys()
+        is_confined = setup.options.level is Isolation.SANDBOX
+        known = HOST_VARIABLES if is_confined else os.environ.keys()
         kept = {name: value for name, value in os.environ.items() if name in known}
         options = ["-P", "-u", *["-s"] * sys.flags.no_user_site]  # packages come from where ours do
         command = [sys.executable, *options, "-m", "minitouch_bench.policies.forkserver"]
         with theirs:
             self.process = subprocess.Popen(
-                [*command, str(theirs.fileno()), str(os.getpid())],
+                [*command, str(theirs.fileno()), str(os.getpid()), msgspec.json.encode(setup)],
                 stdin=subprocess.DEVNULL,
                 stdout=self.output.writer,
                 stderr=self.output.writer,
@@ -352,7 +358,7 @@ class HostConnection:
         self.output.writer.close()
 
     def order(
-        self, order: Order, timeout_s: float, descriptors: Sequence[int] = ()
+        self, order: StartOrder | StopOrder, timeout_s: float, descriptors: Sequence[int] = ()
     ) -> dict[str, Any]:
         """Send an order, with file descriptors if it has any, and return the answer.
 

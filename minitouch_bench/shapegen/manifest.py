@@ -6,6 +6,7 @@ split holds out one fifth, evenly over families, chosen by hash and by nobody.
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,7 +18,16 @@ from msgspec import Meta, Struct, ValidationError, convert
 from msgspec.structs import replace
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import GIB, MIB, cache_directory, cache_errors, read_file, replace_file
+from minitouch_bench.files import (
+    GIB,
+    LARGEST_FILE,
+    MIB,
+    cache_directory,
+    cache_errors,
+    open_plain,
+    read_file,
+    replace_file,
+)
 from minitouch_bench.json_io import fault_in_words, whole
 from minitouch_bench.protocol.spec import CUBE, Split, content_digest
 from minitouch_bench.shapegen.body_codec import (
@@ -115,7 +125,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
             UsageError: it is not what the manifest says.
         """
         try:
-            with self.pack.open("rb") as file:
+            with open(open_plain(self.pack, os.O_RDONLY, follow=True), "rb") as file:
                 file.seek(self.offset)
                 record = file.read(self.length)
         except OSError as error:
@@ -186,7 +196,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
     folder = Path(path).absolute()
     manifest = folder / MANIFEST
     try:
-        document = json.loads(read_file(manifest, GIB, follow=True))
+        document = json.loads(read_file(manifest, LARGEST_FILE, follow=True))
     except FileNotFoundError as error:
         raise UsageError(
             f"{folder} contains no shape set: {MANIFEST} is missing. Make one of mesh files with "

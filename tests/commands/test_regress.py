@@ -209,6 +209,16 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
     assert json.loads(again.out) == document
 
 
+def test_a_finished_run_of_a_factory_is_played_again(tmp_path):
+    policy = ("misbehaved:Still", "--trust")
+    one = ("--tasks", "opening", "--episodes", "1", "--output", "base")
+    assert run("evaluate", *policy, *one, directory=tmp_path).code == 0
+    command = ("regress", *policy, "--baseline", "base", "--output", "again")
+    assert run(*command, directory=tmp_path).code == 0
+    run(*command, "--resume", directory=tmp_path).refused(2, "no digest", "--fresh")
+    assert run(*command, "--fresh", directory=tmp_path).code == 0
+
+
 def test_the_same_policy_has_the_same_bits(baseline):
     command = ("regress", "scripted", "--baseline", "base", "--output", "again")
     done = run(*command, directory=baseline)

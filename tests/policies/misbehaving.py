@@ -1,9 +1,13 @@
 """Policies that fail in every way the evaluation must survive, chosen by the episode's seed."""
 
+import gc
+import hashlib
 import os
+import re
 import signal
 import sys
 import time
+from functools import _lru_cache_wrapper
 
 import numpy as np
 
@@ -37,6 +41,12 @@ def leave_saying():
     os._exit(9)
 
 
+def kill_grown():
+    grown = b"x" * 400 * 2**20
+    os.kill(os.getpid(), signal.SIGKILL)
+    return grown
+
+
 def close_pipes():
     os.closerange(3, 64)
     time.sleep(1000)
@@ -62,6 +72,19 @@ def answer_ahead():
     return np.ones(4, np.float32)
 
 
+def inherited():
+    """Return a number of all that this process was forked with: names, caches, but no ids."""
+    seen, frame = [], sys._getframe()
+    while frame := frame.f_back:
+        seen.append((frame.f_code.co_name, sorted(map(repr, frame.f_locals.items()))))
+    caches = [one for one in gc.get_objects() if isinstance(one, _lru_cache_wrapper)]
+    seen += [(one.__qualname__, one.cache_info()) for one in caches]
+    text = re.sub(r"\b(child|reaper|pid|host)', \d+|0x[0-9a-f]+", "", repr(seen))
+    return np.array(
+        [len(text), *np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)[:3]]
+    )
+
+
 ACTS = {
     "fine": lambda: np.full(4, 0.25, np.float32),
     "count": lambda: np.array([calls, os.getpid(), os.getppid(), 0.0]),
@@ -73,6 +96,7 @@ ACTS = {
     "sys_exit_text": lambda: sys.exit("going home"),
     "os_exit": leave_saying,
     "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    "kill_grown": kill_grown,
     "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
@@ -84,6 +108,7 @@ ACTS = {
     "nan": lambda: np.full(4, np.nan),
     "short": lambda: np.zeros(3),
     "integers": lambda: np.zeros(4, int),
+    "inherited": lambda: inherited().astype(np.float32),
 }
 SEEDS = {name: seed for seed, name in enumerate(ACTS)}
 RESET_RAISES, RESET_EXITS, RESET_SLEEPS = 100, 101, 102

@@ -1,5 +1,6 @@
 """Real policy processes, and everything that can go wrong in one."""
 
+import contextlib
 import os
 import select
 import socket
@@ -15,6 +16,7 @@ from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
     InvalidActionError,
+    OutOfMemoryError,
     PolicyExitError,
     PolicyKilledError,
     PolicyLoadError,
@@ -69,6 +71,7 @@ def wait_for_a_packet(policy):
         ("sys_exit_text", PolicyExitError, "exited with code 1: going home$"),
         ("os_exit", PolicyExitError, "exited with code 9: last words$"),
         ("kill", PolicyKilledError, "killed by SIGKILL$"),
+        ("kill_grown", OutOfMemoryError, "killed by SIGKILL while it used [3-5][0-9][0-9] MiB"),
         ("abort", PolicyExitError, "killed by SIGABRT"),
         ("close_pipes", PolicyExitError, "closed its connection$"),
         ("speak_nonsense", PolicyExitError, "broke the protocol: a packet of kind 255"),
@@ -156,6 +159,17 @@ def test_an_episode_remembers_nothing_of_the_one_before(bad):
     for _ in range(2):
         bad.reset(SEEDS["count"], "pushing")
         assert [bad.act(OBSERVATION)[0] for _ in range(3)] == [1.0, 2.0, 3.0]
+
+
+def test_an_episode_does_not_see_how_others_ended_or_how_many_there_were(bad):
+    seen = []
+    for how in ("fine", "os_exit", "kill", "fine"):
+        bad.reset(SEEDS["inherited"], "pushing")
+        seen.append(bad.act(OBSERVATION).tolist())
+        bad.reset(SEEDS[how], "pushing")
+        with contextlib.suppress(PolicyExitError, PolicyKilledError):
+            bad.act(OBSERVATION)
+    assert seen == [seen[0]] * 4
 
 
 def test_the_last_child_dies_with_its_episode(bad):

@@ -1,4 +1,5 @@
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,14 @@ def test_a_damaged_manifest_is_refused(
     edit_document(small_set / "manifest.json", change)
     with pytest.raises(UsageError, match=f"{words}.*damaged"):
         load_shape_set(small_set)
+
+
+@pytest.mark.timeout(10)
+def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> None:
+    (small_set / "shapes.bin").unlink()
+    os.mkfifo(small_set / "shapes.bin")
+    with pytest.raises(UsageError, match=r"shapes\.bin cannot be read"):
+        load_shape_set(small_set).shapes[0].record()
 
 
 def test_unknown_names(small_set: Path) -> None:
