@@ -89,7 +89,9 @@ def verify(
 
 
 def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
-    """Return where a run's checkpoint was; the run's maker does not choose who is contacted.
+    """Return where a run's checkpoint was.
+
+    The run's maker chooses neither who is contacted nor what code is run.
 
     Raises:
         IncompleteCheckError: it is not there now, or not on this machine.
@@ -102,6 +104,11 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
         raise errors.IncompleteCheckError(
             f"the policy is at {recorded.source}, which is contacted only if you name it.\n"
             f"If you trust that address, give it with {option}"
+        )
+    if recorded.kind == "factory":
+        raise errors.IncompleteCheckError(
+            f"the policy is the Python code {recorded.source}, which is run only if you name it.\n"
+            f"If you trust that code, give it with {option}"
         )
     if recorded.digest and not Path(recorded.source).exists():
         raise errors.IncompleteCheckError(

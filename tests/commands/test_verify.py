@@ -75,6 +75,14 @@ def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_pa
             server.accept()
 
 
+def test_python_code_that_a_run_names_is_run_only_if_the_user_names_it(tmp_path):
+    done = official_run(kind="factory")
+    policy = replace(done.header.policy, source="misbehaved:Still")
+    write_official(replace(done, header=replace(done.header, policy=policy)), tmp_path / "run")
+    unnamed = run("verify", "run", "--rerun", 1, "--trust", directory=tmp_path)
+    unnamed.refused(5, "misbehaved:Still", "run only if you name it", "--policy")
+
+
 def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
     for place, word in ((tmp_path, "no run.json"), ("gone/run.json", "does not exist")):
         run("verify", place, directory=tmp_path).refused(6, word)
