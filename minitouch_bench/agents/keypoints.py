@@ -86,9 +86,10 @@ class Keypoints(nn.Module):
 
         ``places`` float32 (N, 2 * KEYPOINTS), in images at whose time ``touch`` (N, 11) was felt.
         """
-        given = _with_one(touch).double()
-        wanted = places.double()
-        maps = torch.linalg.lstsq(given, wanted).solution
+        given = _with_one(touch).double().cpu()
+        wanted = places.double().cpu()
+        # What the usual driver returns depends on freed memory: PyTorch's issue 187411.
+        maps = torch.linalg.lstsq(given, wanted, driver="gelsd").solution
         left = (given @ maps - wanted).square().mean(dim=0).view(2, KEYPOINTS).sum(dim=0)
         spread = wanted.var(dim=0).view(2, KEYPOINTS).sum(dim=0)
         best = int((left / spread).masked_fill(spread < LEAST_SPREAD, math.inf).argmin())

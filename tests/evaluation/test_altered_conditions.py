@@ -84,8 +84,9 @@ def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
     conditions = {"without": "forces", "perturb": "noise=20,mass=0.5:2,camera=9"}
     options = {"tasks": "pick-up", "episodes": 1, "workers": 1, "output": tmp_path / "run"}
-    evaluate("misbehaved:Sensitive", trust=True, **options, **conditions)
-    verify(tmp_path / "run", rerun=1, workers="1", trust=True)
+    policy = "misbehaved:Sensitive"
+    evaluate(policy, trust=True, **options, **conditions)
+    verify(tmp_path / "run", policy=policy, rerun=1, workers="1", trust=True)
     assert "1 episodes run again" in capsys.readouterr().out
 
 
