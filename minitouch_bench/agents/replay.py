@@ -1,5 +1,6 @@
 """Replay memory: each image is kept once; the sampler computes rewards."""
 
+import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -228,7 +229,9 @@ class Replay:
         return images
 
     def _unpack(self, content: bytes) -> NDArray[np.uint8]:
-        return np.frombuffer(zlib.decompress(content), np.uint8).reshape(self._image_shape)
+        size = math.prod(self._image_shape)
+        plain = zlib.decompressobj().decompress(content, size + 1)  # whoever wrote it
+        return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:
         """Return everything but the images."""

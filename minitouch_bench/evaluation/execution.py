@@ -202,8 +202,8 @@ def resumable(directory: Path | None) -> Iterator[None]:
     )
     try:
         yield
-    except errors.HopelessRunError as error:
-        raise errors.HopelessRunError(f"{error}\n{advice}") from error
+    except (errors.HopelessRunError, errors.OutOfMemoryError) as error:
+        raise type(error)(f"{error}\n{advice}") from error
     except (errors.InfrastructureError, errors.RunDirectoryError) as error:
         raise errors.InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:

@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
-from minitouch_bench.errors import InfrastructureError, UsageError, plain_line
+from minitouch_bench.errors import InfrastructureError, OutOfMemoryError, UsageError, plain_line
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
@@ -236,6 +236,8 @@ def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec)
             _close_runners()
             _runners[reference] = EpisodeRunner(map_checkpoints(ray.get(reference), unpack))
         return _runners[reference].run(spec)
+    except OutOfMemoryError as error:
+        raise OutOfMemoryError(f"episode {spec.key}: {error} (on node {node})") from error
     except Exception as error:
         _close_runners()
         raise InfrastructureError(f"{type(error).__name__}: {error} (on node {node})") from error

@@ -96,7 +96,7 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
 
     A fault of the policy ends the episode, as a failed one. Any other exception is an
     infrastructure fault and passes through; an engine then runs the episode again. The policy's
-    process being killed from outside, perhaps by a machine out of memory, is one.
+    process being killed from outside is one, but not while it used much memory.
     """
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     touch, infos, rewards = [observation["touch"]], [info], []
@@ -171,6 +171,8 @@ def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
     """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
     try:
         return runner.run(spec)
+    except errors.OutOfMemoryError as error:
+        raise errors.OutOfMemoryError(f"episode {spec.key}: {error}") from error
     except errors.InfrastructureError:
         raise
     except Exception as error:

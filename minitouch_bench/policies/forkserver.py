@@ -21,6 +21,7 @@ checkpoint, answers, and ends with the episode.
 """
 
 import contextlib
+import ctypes
 import gc
 import os
 import random
@@ -33,6 +34,8 @@ import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import repeat, takewhile
+from operator import itemgetter
 from typing import Any, NoReturn
 
 import msgspec
@@ -57,11 +60,15 @@ CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""
 
 POLL_S = 0.002
-KIB_IN_MIB = 1024
+MAXRSS_IN_MIB = 2**20 if sys.platform == "darwin" else 2**10
 
 
-def serve(control: socket.socket, setup: wire.HostSetup) -> None:
-    """Fork a reaper an episode until the other side closes."""
+def serve(control: socket.socket, setup: wire.HostSetup) -> NoReturn:
+    """Fork a reaper an episode until the other side closes.
+
+    Between two episodes only functions in C are called, and not those that Python calls when it
+    forks: a policy could read in bytecode how often it was run.
+    """
     sandbox, problem = None, None
     try:
         _import_format(setup.kind)
@@ -71,72 +78,62 @@ def serve(control: socket.socket, setup: wire.HostSetup) -> None:
     orders = select.poll()
     orders.register(control, select.POLLIN)
     host = os.getpid()
-    while True:
-        orders.poll()
-        reaper = os.fork()
-        if reaper == 0:
-            try:
-                die_with(host)
-                if Reaper(control).serve(sandbox, problem):
-                    os._exit(0)
-            except BaseException:
-                traceback.print_exc()
-            finally:
-                os._exit(1)
-        if os.waitpid(reaper, 0)[1]:
-            break
+    fork = ctypes.PyDLL(None).fork
+    fork.argtypes = (ctypes.py_object,)  # what poll returned, which fork does not look at
+    ctypes.pythonapi.PyOS_BeforeFork()
+    reapers = takewhile(bool, map(fork, iter(orders.poll, None)))
+    if any(map(itemgetter(1), map(os.waitpid, reapers, repeat(0)))):
+        os._exit(0)  # a reaper found no order, or was killed; Python still holds a fork's locks
+    ctypes.pythonapi.PyOS_AfterFork_Child()
+    try:
+        die_with(host)
+        if reap(control, sandbox, problem):
+            os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(1)
 
 
-class Reaper:
-    """Fork the process of one episode, and end it."""
+def reap(
+    control: socket.socket, sandbox: Sandbox | None, problem: Mapping[str, str] | None
+) -> bool:
+    """Obey the orders of one episode; return whether another can follow."""
 
-    def __init__(self, control: socket.socket) -> None:
-        self._control = control
+    def answer(document: Mapping[str, Any]) -> None:
+        control.sendall(msgspec.json.encode(document))
 
-    def serve(self, sandbox: Sandbox | None, problem: Mapping[str, str] | None) -> bool:
-        """Obey the orders of an episode; return whether another can follow."""
-        packet, descriptors, _, _ = socket.recv_fds(
-            self._control, wire.MAX_PAYLOAD, 3, CLOSE_ON_EXEC
-        )
-        if not packet:
-            return False
-        if problem is not None:
-            self._answer(problem)
-            return True
-        order = msgspec.json.decode(packet, type=wire.StartOrder)
-        channel, output, *files = descriptors
-        if files:
-            read = replace(order.source, content=_read_whole(files[0]))
-            order = msgspec.structs.replace(order, source=read)
-        child = self._fork(order, sandbox, channel, output)
-        for descriptor in (channel, output):
-            os.close(descriptor)
-        self._answer({"pid": child})
-        packet = self._control.recv(wire.MAX_PAYLOAD)
-        stop = msgspec.json.decode(packet, type=wire.StopOrder) if packet else wire.StopOrder(0.0)
-        end = _end_child(child, stop.grace_s)
-        if packet:
-            self._answer(end)
-        return bool(packet)
-
-    def _answer(self, document: Mapping[str, Any]) -> None:
-        self._control.sendall(msgspec.json.encode(document))
-
-    def _fork(
-        self, order: wire.StartOrder, sandbox: Sandbox | None, channel: int, output: int
-    ) -> int:
-        reaper = os.getpid()
-        child = os.fork()
-        if child == 0:
-            try:
-                os.setpgid(0, 0)
-                die_with(reaper)
-                self._control.close()  # orders are not the policy's to give
-                _take_streams(output)
-                serve_episode(order, sandbox, channel)
-            finally:
-                os._exit(1)
-        return child
+    packet, descriptors, _, _ = socket.recv_fds(control, wire.MAX_PAYLOAD, 3, CLOSE_ON_EXEC)
+    if not packet:
+        return False
+    if problem is not None:
+        answer(problem)
+        return True
+    order = msgspec.json.decode(packet, type=wire.StartOrder)
+    channel, output, *files = descriptors
+    if files:
+        read = replace(order.source, content=_read_whole(files[0]))
+        order = msgspec.structs.replace(order, source=read)
+    reaper = os.getpid()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setpgid(0, 0)
+            die_with(reaper)
+            control.close()  # orders are not the policy's to give
+            _take_streams(output)
+            serve_episode(order, sandbox, channel)
+        finally:
+            os._exit(1)
+    for descriptor in (channel, output):
+        os.close(descriptor)
+    answer({"pid": child})
+    packet = control.recv(wire.MAX_PAYLOAD)
+    if not packet:
+        _end_child(child, 0.0)
+        return False
+    answer(_end_child(child, msgspec.json.decode(packet, type=wire.StopOrder).grace_s))
+    return True
 
 
 def _end_child(child: int, grace_s: float) -> dict[str, Any]:
@@ -154,7 +151,7 @@ def _end_child(child: int, grace_s: float) -> dict[str, Any]:
     else:
         _, status, usage = os.wait4(child, 0)
         own = resource.getrusage(resource.RUSAGE_SELF)
-        grown_mb = (usage.ru_maxrss - own.ru_maxrss) // KIB_IN_MIB
+        grown_mb = (usage.ru_maxrss - own.ru_maxrss) // MAXRSS_IN_MIB
     code = os.waitstatus_to_exitcode(status)
     return {"status": code, "killed": end is None, "grown_mb": grown_mb}
 
@@ -299,8 +296,7 @@ def main() -> None:
     descriptor, parent = int(sys.argv[1]), int(sys.argv[2])
     setup = msgspec.json.decode(sys.argv[3], type=wire.HostSetup)
     die_with(parent)
-    with socket.socket(fileno=descriptor) as control:
-        serve(control, setup)
+    serve(socket.socket(fileno=descriptor), setup)
 
 
 if __name__ == "__main__":

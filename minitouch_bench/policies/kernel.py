@@ -237,6 +237,7 @@ NEITHER_READ_NOR_WRITE = 3
 """The mode that Linux has beside O_RDONLY, O_WRONLY and O_RDWR; Landlock lets it open any file."""
 O_RDONLY, O_TRUNC = 0, 0o1000
 CLONE_THREAD = 0x00010000
+MAP_SHARED = 0b1  # MAP_SHARED_VALIDATE has it, too
 NAME_CALLS = (15, 16)
 READING_PRCTL = (2, 3, 21, 23, 39, 51, 64)
 """Of itself: parent-death signal, dumpable, seccomp, capabilities, privileges, SVE, SME."""
@@ -312,6 +313,10 @@ def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
         "ioctl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_IOCTL), *_answer(ERRNO | errno.ENOTTY)],
         "fcntl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_FCNTL), *DENIED],
         "prlimit64": _reading_prlimit(pid),
+        # Shared memory has no limit that could be set; numpy maps files with it.
+        "mmap": GRANTED
+        if threads
+        else [*_low(3), (IF_ANY_BIT, 0, 1, MAP_SHARED), *DENIED, *GRANTED],
     }
 
 

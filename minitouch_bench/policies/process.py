@@ -270,8 +270,7 @@ class PolicyProcess:
         if end["grown_mb"] < MUCH_MEMORY_MB:
             return errors.PolicyKilledError(text)
         return errors.OutOfMemoryError(
-            f"{text} while it used {end['grown_mb']:,} MiB: use fewer --workers, or a machine with "
-            "more memory, and --resume"
+            f"{text} while it used {end['grown_mb']:,} MiB: use fewer workers or more memory"
         )
 
     def _stop(self, grace_s: float) -> tuple[dict[str, Any], str]:

@@ -117,6 +117,9 @@ class PolicyHandler(BaseHTTPRequestHandler):
         """Answer a request."""
         status = HTTPStatus.OK
         try:
+            if "Origin" in self.headers:
+                self.close_connection = True  # its body is not read
+                raise RequestError(HTTPStatus.FORBIDDEN, "a web page may not ask a policy")
             answer = self._answer(self._body())
         except RequestError as error:
             status, answer = error.args[0], {"error": error.args[1]}

@@ -21,7 +21,10 @@ from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.run import RunHeader
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
-"""Bytes; the largest run, 10,000 episodes per task in both roles, takes 1 GiB."""
+"""Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
+
+LINE_UNIT = 16 * files.KIB
+"""An episode's line is padded to it: a policy can see the file's size, but not how others ended."""
 
 ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
 
@@ -104,9 +107,8 @@ class Journal:
             line = _EpisodeLine(
                 record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays
             )
-            files.append_bytes(
-                self.directory / files.JOURNAL_FILE, b"\n" + _as_line(line), durable=True
-            )
+            content = b"\n" + _as_line(line, LINE_UNIT)
+            files.append_bytes(self.directory / files.JOURNAL_FILE, content, durable=True)
         self.records[record.spec] = record
 
     def remove(self) -> None:
@@ -121,8 +123,10 @@ class Journal:
                 path.unlink(missing_ok=True)
 
 
-def _as_line(document: object) -> bytes:
+def _as_line(document: object, unit: int = 1) -> bytes:
+    """Return the line, with spaces up to a multiple of ``unit``, its line break included."""
     text = msgspec.json.encode(document)
+    text += b" " * (-(len(text) + 10) % unit)
     return b"%08x " % zlib.crc32(text) + text
 
 

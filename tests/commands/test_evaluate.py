@@ -144,6 +144,17 @@ def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
     assert '"act_timeout_s": 7.5' in (tmp_path / "run" / "run.json").read_text()
 
 
+def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):
+    options = ("--trust", "--isolation", "process", *ONE, "--output", "run")
+    done = run("evaluate", "misbehaved:Greedy", *options, directory=tmp_path)
+    assert done.code == 5
+    assert (
+        "episode pushing/0: the policy's process was killed by SIGKILL while it used 4" in done.err
+    )
+    assert "failed 3 times" not in done.err
+    assert "--resume" in done.err
+
+
 @pytest.mark.parametrize(
     ("options", "code", "word"),
     [

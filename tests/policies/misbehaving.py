@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from functools import _lru_cache_wrapper
+from types import FunctionType
 
 import numpy as np
 
@@ -76,9 +77,15 @@ def inherited():
     """Return a number of all that this process was forked with: names, caches, but no ids."""
     seen, frame = [], sys._getframe()
     while frame := frame.f_back:
-        seen.append((frame.f_code.co_name, sorted(map(repr, frame.f_locals.items()))))
-    caches = [one for one in gc.get_objects() if isinstance(one, _lru_cache_wrapper)]
+        code = frame.f_code
+        seen.append((code.co_name, code._co_code_adaptive))
+        seen.append(sorted(map(repr, frame.f_locals.items())))
+    things = gc.get_objects()
+    caches = [one for one in things if isinstance(one, _lru_cache_wrapper)]
     seen += [(one.__qualname__, one.cache_info()) for one in caches]
+    # CPython counts there how often bytecode was run.
+    functions = [one for one in things if isinstance(one, FunctionType)]
+    seen += [(one.__qualname__, one.__code__._co_code_adaptive) for one in functions]
     text = re.sub(r"\b(child|reaper|pid|host)', \d+|0x[0-9a-f]+", "", repr(seen))
     return np.array(
         [len(text), *np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)[:3]]

@@ -163,13 +163,13 @@ def test_an_episode_remembers_nothing_of_the_one_before(bad):
 
 def test_an_episode_does_not_see_how_others_ended_or_how_many_there_were(bad):
     seen = []
-    for how in ("fine", "os_exit", "kill", "fine"):
+    for how in ("fine", "os_exit", "kill", "fine", "fine", "fine"):
         bad.reset(SEEDS["inherited"], "pushing")
         seen.append(bad.act(OBSERVATION).tolist())
         bad.reset(SEEDS[how], "pushing")
         with contextlib.suppress(PolicyExitError, PolicyKilledError):
             bad.act(OBSERVATION)
-    assert seen == [seen[0]] * 4
+    assert seen == [seen[0]] * 6
 
 
 def test_the_last_child_dies_with_its_episode(bad):

@@ -118,6 +118,14 @@ def test_a_client_that_is_gone_is_passed_over(server, capfd):
     assert "ValueError" in told
 
 
+def test_a_web_page_of_somebody_else_gets_no_answer(server):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1], timeout=5)
+    headers = {"Origin": "https://somebody.example", "Content-Type": "text/plain"}
+    connection.request("POST", "/episodes", b'{"seed": 1, "task": "pushing"}', headers)
+    assert connection.getresponse().status == 403
+    connection.close()
+
+
 @pytest.mark.parametrize(
     ("method", "path", "body", "status"),
     [

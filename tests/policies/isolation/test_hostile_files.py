@@ -4,6 +4,7 @@ import base64
 import ctypes
 import io
 import json
+import mmap
 import os
 import pickle
 import socket
@@ -120,9 +121,9 @@ def test_every_format_gives_the_same_bits_in_the_sandbox_and_out(files, observat
             ) as policy:
                 policy.reset(3, "opening")
                 actions.append([policy.act(observation).tobytes() for _ in range(3)])
-                assert (
-                    len(os.listdir(f"/proc/{policy._host.process.pid}/task")) == 1
-                )  # else fork is unsafe
+                host = policy._host.process
+                assert len(os.listdir(f"/proc/{host.pid}/task")) == 1  # else fork is unsafe
+            assert host.returncode == 0  # it ended by itself, without a wait
         assert actions[0] == actions[1]
 
 
@@ -167,6 +168,8 @@ DEEDS = {
     "open a socket": (Deed(socket.socket), "not permitted"),
     "fork": (Deed(os.fork), "not permitted"),
     "allocate 10 GB": (Deed(bytearray, 10 * 10**9), "MemoryError"),
+    "share memory, which has no limit": (Deed(mmap.mmap, -1, 4096), "not permitted"),
+    "read how much memory is used": (Deed(Path.read_text, Path("/proc/meminfo")), "Permission"),
     "flood its output": (Deed(exec, "while True: print('x' * 1000)"), "not loaded within 3 s"),
     "exit": (Deed(os._exit, 0), "exited with code 0"),
     "crash": (Deed(ctypes.string_at, 0), "killed by SIGSEGV"),

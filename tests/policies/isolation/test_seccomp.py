@@ -104,6 +104,13 @@ def test_a_policy_cannot_seem_killed_or_stopped(judge, name):
         assert judge(name, PID, *arguments) == DENIED
 
 
+def test_memory_is_shared_only_by_what_is_trusted(judge):
+    private, shared, shared_validated = 0x22, 0x21, 0x03
+    assert judge("mmap", 0, 4096, 3, private) == kernel.ALLOW
+    assert {judge("mmap", 0, 4096, 3, flags) for flags in (shared, shared_validated)} == {DENIED}
+    assert judge("mmap", 0, 4096, 3, shared, threads=True) == kernel.ALLOW
+
+
 def test_advice_is_about_its_own_memory_only(judge):
     assert {judge("madvise", 0, 4096, advice) for advice in (4, 8, 14)} == {kernel.ALLOW}
     assert {judge("madvise", 0, 4096, advice) for advice in (3, 9, 12, 20, 21)} == {DENIED}
