@@ -82,8 +82,12 @@ def serve(control: socket.socket, setup: wire.HostSetup) -> NoReturn:
     fork.argtypes = (ctypes.py_object,)  # what poll returned, which fork does not look at
     ctypes.pythonapi.PyOS_BeforeFork()
     reapers = takewhile(bool, map(fork, iter(orders.poll, None)))
-    if any(map(itemgetter(1), map(os.waitpid, reapers, repeat(0)))):
-        os._exit(0)  # a reaper found no order, or was killed; Python still holds a fork's locks
+    try:
+        if any(map(itemgetter(1), map(os.waitpid, reapers, repeat(0)))):
+            os._exit(0)  # a reaper found no order, or was killed; Python still holds a fork's locks
+    except ChildProcessError:  # fork returned -1, for which there is nothing to wait
+        print("no process can be forked", file=sys.stderr)
+        os._exit(1)
     ctypes.pythonapi.PyOS_AfterFork_Child()
     try:
         die_with(host)

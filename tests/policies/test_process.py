@@ -275,6 +275,26 @@ def test_a_policy_that_fails_at_probing_may_still_be_loadable():
     try_policy(factory("Misbehaving"), ["pushing"], options)
 
 
+WITHOUT_FORK = """
+import ctypes, socket
+from types import SimpleNamespace
+from minitouch_bench.policies import forkserver, wire
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
+ours, theirs = socket.socketpair()
+ours.send(b"an order")
+class Fork:
+    def __call__(self, _):
+        return -1
+ctypes.PyDLL = lambda _: SimpleNamespace(fork=Fork())
+forkserver.serve(theirs, wire.HostSetup("torchscript", IsolationOptions(Isolation.PROCESS)))
+"""
+
+
+def test_a_host_that_cannot_fork_ends_at_once():
+    ended = subprocess.run([sys.executable, "-c", WITHOUT_FORK], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (1, "no process can be forked\n")
+
+
 WORKER = """
 import sys, time
 from minitouch_bench.policies.policy import IsolationOptions
