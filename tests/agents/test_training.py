@@ -1,9 +1,11 @@
 """A training that is broken off and resumed ends in the same bits."""
 
 import csv
+import io
 import pickle
 import shutil
 import struct
+import zipfile
 from dataclasses import replace
 
 import pytest
@@ -188,6 +190,18 @@ def broken_off(tmp_path_factory):
     return directory
 
 
+def compressed(content):
+    """Return the same parts, which torch would read as well."""
+    packed = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as archive,
+        zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as other,
+    ):
+        for name in archive.namelist():
+            other.writestr(name, archive.read(name))
+    return packed.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
@@ -196,6 +210,7 @@ def broken_off(tmp_path_factory):
         ("checkpoint.pt", lambda _: b"xyz"),
         ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
         ("checkpoint.pt", lambda content: content[: len(content) // 2]),
+        ("checkpoint.pt", compressed),
         ("replay.bin", lambda content: content[:-10]),
         ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
     ],
