@@ -215,3 +215,8 @@ class PolicyIdentity:
     kind: str
     digest: Sha256OrNone
     notes: tuple[str, ...] = ()
+
+    @property
+    def is_code_known(self) -> bool:
+        """Whether a digest or this package tells what runs: not so of a server and a factory."""
+        return self.kind not in ("remote", "factory")

@@ -88,8 +88,7 @@ class CheckpointFiles:
             with zipfile.ZipFile(content) as archive:
                 if (part := archive.testzip()) is not None:  # torch does not check the sums
                     raise ValueError(f"its part {part} is damaged")
-                sizes = [(part.file_size, part.compress_size) for part in archive.infolist()]
-                if any(size != packed for size, packed in sizes):
+                if any(one.file_size != one.compress_size for one in archive.infolist()):
                     raise ValueError("its parts are compressed: they could take any memory")
             content.seek(0)
             state: dict[str, Any] = torch.load(content, map_location="cpu", weights_only=True)

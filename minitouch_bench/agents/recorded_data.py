@@ -41,10 +41,12 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
 
 
 def _check_file(file: Path, most_bytes: int) -> None:
-    """Refuse an HDF5 file that names other files, which a training would keep, or grows.
+    """Refuse an HDF5 file whose content lies in other files, or has more than ``most_bytes``.
+
+    A training would keep what it reads from the user's other files.
 
     Raises:
-        ValueError: it has such a part.
+        ValueError: a part of the file is so.
     """
     h5py = require("h5py", "data")
     parts: list[tuple[str, Any]] = []

@@ -1,6 +1,5 @@
 """Replay memory: each image is kept once; the sampler computes rewards."""
 
-import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -229,8 +228,8 @@ class Replay:
         return images
 
     def _unpack(self, content: bytes) -> NDArray[np.uint8]:
-        size = math.prod(self._image_shape)
-        plain = zlib.decompressobj().decompress(content, size + 1)  # whoever wrote it
+        # At most a byte too many: a stranger's file could unpack to any size.
+        plain = zlib.decompressobj().decompress(content, self._plain[0].nbytes + 1)
         return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:

@@ -171,7 +171,7 @@ def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
 
 def _refuse_unknown_code(policy: PolicyIdentity, directory: Path) -> None:
     """Refuse a finished run of code that can have changed since: it has no digest."""
-    if policy.kind in ("factory", "remote"):
+    if not policy.is_code_known:
         raise UsageError(
             f"{directory} holds a finished run of {policy.name}, whose code can be another one "
             "now: it has no digest.\nGive --fresh in place of --resume to play it again"

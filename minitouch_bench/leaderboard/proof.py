@@ -273,5 +273,4 @@ def level_of(runs: Mapping[str, Run], proof: Proof | None) -> ProofLevel:
 
 def can_be_run(runs: Mapping[str, Run]) -> bool:
     """Return whether a maintainer can run the policies: neither a server's nor Python classes."""
-    policies = (policy for run in runs.values() for policy in run.header.policies())
-    return not any(policy.kind in ("remote", "factory") for policy in policies)
+    return all(p.is_code_known for run in runs.values() for p in run.header.policies())

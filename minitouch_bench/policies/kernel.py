@@ -313,7 +313,7 @@ def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
         "ioctl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_IOCTL), *_answer(ERRNO | errno.ENOTTY)],
         "fcntl": [*_low(1), *_allow_if(IF_EQUAL, HARMLESS_FCNTL), *DENIED],
         "prlimit64": _reading_prlimit(pid),
-        # Shared memory has no limit that could be set; numpy maps files with it.
+        # Shared memory has no limit: it is for trusted code, which alone may start threads.
         "mmap": GRANTED
         if threads
         else [*_low(3), (IF_ANY_BIT, 0, 1, MAP_SHARED), *DENIED, *GRANTED],

@@ -61,15 +61,12 @@ class PolicyProcess:
         self._source = source
         self._options = options
         self._limits = options.limits
-        self._files: dict[str, IO[bytes]] = {}
-        """Each checkpoint as it was when it was read first, by its digest."""
+        self._files: dict[str, IO[bytes]] = {}  # checkpoints as they were read first, by digest
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
-        self.warning = ""
-        self.target = ""
+        self.warning = self.target = ""
         self._size = 0
-        self._end_grace_s = 0.0
-        self._left_s = 0.0
+        self._end_grace_s = self._left_s = 0.0
 
     def __enter__(self) -> "PolicyProcess":
         return self
@@ -177,8 +174,7 @@ class PolicyProcess:
         channel.watch(answer["pid"])
 
     def _setup_for(self, part: PolicySource) -> wire.HostSetup:
-        is_confined = self._options.level is Isolation.SANDBOX
-        if part.kind == "factory" and is_confined:
+        if part.kind == "factory" and self._options.level is Isolation.SANDBOX:
             return wire.HostSetup(part.kind, self._options, part.target)
         return wire.HostSetup(part.kind, replace(self._options, private=""))
 
@@ -269,9 +265,8 @@ class PolicyProcess:
             return errors.PolicyExitError(f"{text}: {last_line}" if last_line else text)
         if end["grown_mb"] < MUCH_MEMORY_MB:
             return errors.PolicyKilledError(text)
-        return errors.OutOfMemoryError(
-            f"{text} while it used {end['grown_mb']:,} MiB: use fewer workers or more memory"
-        )
+        text += f" while it used {end['grown_mb']:,} MiB: use fewer workers or more memory"
+        return errors.OutOfMemoryError(text)
 
     def _stop(self, grace_s: float) -> tuple[dict[str, Any], str]:
         """End the child; return how it ended, and the last line that it printed.

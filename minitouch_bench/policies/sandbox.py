@@ -32,7 +32,7 @@ READABLE = (
 )  # fmt: skip
 """The kernels of torch and onnxruntime choose themselves by what is said of the processor.
 
-How much memory the system uses is left out: a policy can change it for later ones.
+How much memory the system uses is left out: a policy can change that for later policies.
 """
 
 PACKAGE_FOLDERS = ("site-packages", "dist-packages")

@@ -24,7 +24,7 @@ LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
 
 LINE_UNIT = 16 * files.KIB
-"""An episode's line is padded to it: a policy can see the file's size, but not how others ended."""
+"""An episode's line has this length: a policy can see the file's size, and so their number only."""
 
 ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
 
