@@ -1,5 +1,6 @@
 """Replay memory: each image is kept once; the sampler computes rewards."""
 
+import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -229,7 +230,8 @@ class Replay:
 
     def _unpack(self, content: bytes) -> NDArray[np.uint8]:
         # At most a byte too many: a stranger's file could unpack to any size.
-        plain = zlib.decompressobj().decompress(content, self._plain[0].nbytes + 1)
+        most = math.prod(self._image_shape) + 1
+        plain = zlib.decompressobj().decompress(content, most)
         return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:
