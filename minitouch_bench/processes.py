@@ -27,11 +27,11 @@ import cloudpickle
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
 
 ARITHMETIC = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Environment under which numpy, OpenBLAS, torch, oneDNN and MKL round alike everywhere.
+"""Environment under which numpy, OpenBLAS, torch and oneDNN round alike on all x86-64 processors.
 
 They choose other kernels on another processor, whose sums and sines differ in the last bits.
-A process started with these variables keeps to one thread and, on x86-64, to AVX2. The
-libraries read them when they are loaded.
+A process started with these variables keeps to one thread and, on x86-64, to AVX2; MKL ignores
+its own on AMD. The libraries read them when they are loaded.
 """
 if platform.machine() == "x86_64":
     ARITHMETIC |= {
