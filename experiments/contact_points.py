@@ -62,9 +62,7 @@ def main() -> None:
         by_method = [group[group["method"] == method]["points"] for method in IN_PAPER]
         cells = [f"{one.mean():.0f} ({one.min():.0f} to {one.max():.0f})" for one in by_method]
         printed = [paper_value(task, "touch_interaction", name) for name in IN_PAPER.values()]
-        shown.append(
-            [task_title(task), str(role), *cells, *(str(p.text) if p else ABSENT for p in printed)]
-        )
+        shown.append([task_title(task), str(role), *cells, *(value or ABSENT for value in printed)])
     heads = ["Task", "Policy", *IN_PAPER, *(f"{name} (paper)" for name in IN_PAPER.values())]
     print("\n".join(table_lines(heads, shown, 2)))
 

@@ -106,14 +106,7 @@ def regress(
     _refuse_contradictions(
         policy, baseline, candidates, is_played=output is not None or resume or fresh or trust
     )
-    from minitouch_bench.comparison import gate_report
-    from minitouch_bench.comparison.gate import (
-        GateSettings,
-        Tolerance,
-        judge_runs,
-        refuse_other_rules,
-        without_exploration,
-    )
+    from minitouch_bench.comparison import gate, gate_report
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
@@ -122,9 +115,9 @@ def regress(
     from minitouch_bench.runs.run import Run, read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
-    allowed = None if tolerance is None else Tolerance.parse(tolerance)
-    settings = GateSettings(
-        GateSettings.alpha if alpha is None else alpha, metric or "", allowed, strict, lenient
+    allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
+    settings = gate.GateSettings(
+        gate.GateSettings.alpha if alpha is None else alpha, metric or "", allowed, strict, lenient
     )
     befores = [refuse_edited(read_run(path)) for path in baseline]
     afters = [refuse_edited(read_run(path)) for path in candidates]
@@ -134,12 +127,12 @@ def regress(
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
-            before = without_exploration(before)
-        judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
+            before = gate.without_exploration(before)
+        gate.judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)
         header = header_of(setup)
-        refuse_other_rules(before, header)
+        gate.refuse_other_rules(before, header)
         directory = output or REPORTS / f"{run_name(header)}-regress"
         _refuse_same_directory(directory, before.directory)
         with episode_progress() as callbacks, opening as running, lock_directory(directory):

@@ -2,7 +2,7 @@
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -46,21 +46,14 @@ def report(
         ),
     ] = False,
     table_format: Annotated[
-        str | None,
-        typer.Option(
-            "--format",
-            metavar="md|latex|csv|json",
-            help="Print Table 4 in this format, and write no page.",
-        ),
+        Literal["md", "latex", "csv", "json"] | None,
+        typer.Option("--format", help="Print Table 4 in this format, and write no page."),
     ] = None,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
     from minitouch_bench.reporting import report as reporting
     from minitouch_bench.runs.run import read_run
 
-    formats = reporting.TABLE_FORMATS
-    if table_format is not None and table_format not in formats:
-        raise UsageError(f"no format '{table_format}'; there are {', '.join(formats)}")
     if table_format is not None and (output is not None or forces):
         raise UsageError("--format prints Table 4 and writes no page: leave --output, --forces out")
     opened = [read_run(run) for run in runs]
@@ -85,7 +78,7 @@ def report(
         directory=directory,
     )
     if table_format is not None:
-        print(formats[table_format](shown), end="")
+        print(reporting.TABLE_FORMATS[table_format](shown), end="")
         return
     reporting.write_page(shown, directory)
     reporting.show_report(shown, data_console())

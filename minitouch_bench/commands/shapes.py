@@ -1,7 +1,7 @@
 """``minitouch-bench shapes``: make, check, view and exchange sets of shapes."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -26,10 +26,8 @@ def generate(
     from minitouch_bench.shapegen import generate as workflow
 
     with count_progress("shapes") as progress:
-        result = workflow.generate(output, count, seed, workers, progress)
-    print(f"{count} shapes in {output}, digest {result.digest}")
-    for reason, number in sorted(result.refused.items()):
-        print(f"  refused on the way: {reason} {number}")
+        digest = workflow.generate(output, count, seed, workers, progress)
+    print(f"{count} shapes in {output}, digest {digest}")
 
 
 @app.command(cls=Command)
@@ -104,7 +102,9 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
 def export(
     folder: Folder,
     output: Output,
-    form: Annotated[str, typer.Option("--format", help="urdf or obj.")] = "urdf",
+    form: Annotated[
+        Literal["urdf", "obj"], typer.Option("--format", help="Format of the files.")
+    ] = "urdf",
     split: Annotated[str | None, typer.Option(help="train or held-out; by default both.")] = None,
 ) -> None:
     """Write the shapes as files for other programs."""

@@ -169,14 +169,6 @@ def gate_junit(result: GateResult) -> str:
     }
     root = ElementTree.Element("testsuites", {"name": SUITE, **counts})
     suite = ElementTree.SubElement(root, "testsuite", {"name": SUITE, **counts})
-    properties = ElementTree.SubElement(suite, "properties")
-    for name, value in (
-        ("baseline", result.baseline.path),
-        ("candidate", result.candidate.path),
-        ("alpha", f"{result.settings.alpha:g}"),
-        ("result", answer),
-    ):
-        ElementTree.SubElement(properties, "property", {"name": name, "value": printable(value)})
     suite.extend(cases)
     lines = [*gate_notes(result), f"next: {result.next_command}"]
     ElementTree.SubElement(suite, "system-out").text = "\n".join(map(printable, lines))

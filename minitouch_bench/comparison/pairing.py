@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode, Outcome, Role, episode_key, role_of
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError, plain_line, printable
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
@@ -65,8 +65,8 @@ def pair_runs(first: Run, second: Run) -> Pairs:
 
 def _refuse_other(what: str, runs: tuple[Run, Run], values: Sequence[object]) -> None:
     if values[0] != values[1]:
-        names = " and ".join(f"'{_short(run.name)}'" for run in runs)
-        differing = "; ".join(_short(str(value)) for value in values)
+        names = " and ".join(f"'{plain_line(run.name, 80)}'" for run in runs)
+        differing = "; ".join(plain_line(str(value), 80) for value in values)
         raise UsageError(f"{names} are not of the same episodes: their {what} differ ({differing})")
 
 
@@ -76,23 +76,12 @@ def _rules(run: Run, tasks: Sequence[str]) -> str:
 
 
 def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
-    rows = [
-        (episode_key(role, episode.task, episode.index), episode)
+    return {
+        episode_key(role, episode.task, episode.index): episode
         for role, episodes in run.by_role()
         for episode in episodes
         if episode.task not in left_out
-    ]
-    by_key = dict(rows)
-    if not rows or len(by_key) < len(rows):
-        what = "holds an episode twice" if rows else "holds no episodes"
-        raise UsageError(f"'{_short(run.name)}' {what}")
-    return by_key
-
-
-def _short(text: str) -> str:
-    """Return a text of a run so that it can stand inside a sentence."""
-    plain = printable(text)
-    return plain if len(plain) <= 80 else f"{plain[:80]}…"
+    }
 
 
 def are_identical(first: Run, second: Run, pairs: Pairs) -> bool:

@@ -48,12 +48,13 @@ Figures = dict[str, dict[str, intervals.Estimate]]
 
 def score(runs: Sequence[Run]) -> Figures:
     """Return every figure of the main suite that each training seed has."""
-    of_seeds = [{task.task: task.estimates for task in run.summary.tasks} for run in runs]
     figures: Figures = {OVERALL: {}}
     for task in BOARD_TASKS:
         figures[task] = {}
         for metric in BOARD_METRICS:
-            estimates = [tasks[task][metric] for tasks in of_seeds if metric in tasks[task]]
+            estimates = [
+                run[task].estimates[metric] for run in runs if metric in run[task].estimates
+            ]
             if len(estimates) == len(runs):
                 possible = METRICS[metric].range_in(task)
                 figures[task][metric] = intervals.over_seeds(estimates, possible)
@@ -78,30 +79,23 @@ no interval over a few seeds holds its level. A new task with a goal needs its e
 
 def count_learned(runs: Sequence[Run]) -> dict[str, int]:
     """Return by task with a goal how many training seeds learned it, see FLOOR_SUCCESS."""
-    lows: dict[str, list[float]] = {task: [] for task in BOARD_GOALS}
-    for run in runs:
-        for summary in run.summary.tasks:
-            if summary.task in lows:
-                lows[summary.task].append(summary.estimates["success"].low)
-    return {task: sum(low > FLOOR_SUCCESS[task] for low in lows[task]) for task in lows}
+    return {
+        task: sum(run[task].success.low > FLOOR_SUCCESS[task] for run in runs)
+        for task in BOARD_GOALS
+    }
 
 
 def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
     """Return the gap of each task's ranking metric, by the runs of all training seeds."""
-    gaps: dict[str, list[Gap]] = {task: [] for task in GAP_TASKS}
-    for run in runs:
-        for result in run.summary.generalization:
-            gaps[result.task].append(result.gaps[RANKED_BY[result.task]])
-    found: dict[str, Gap] = {}
-    for task, of_seeds in gaps.items():
-        parts = {}
-        for name in GAP_PARTS if of_seeds else ():
-            estimates = [getattr(gap, name) for gap in of_seeds]
-            metric = METRICS[RANKED_BY[task]]
-            possible = metric.range_in(task, difference=name == "difference")
-            parts[name] = intervals.over_seeds(estimates, possible)
-        if parts:
-            found[task] = Gap(**parts)
+    found = {}
+    for task in GAP_TASKS if runs else ():
+        metric, parts = RANKED_BY[task], {}
+        results = (one for run in runs for one in run.summary.generalization if one.task == task)
+        gaps = [result.gaps[metric] for result in results]
+        for part in GAP_PARTS:
+            possible = METRICS[metric].range_in(task, difference=part == "difference")
+            parts[part] = intervals.over_seeds([getattr(gap, part) for gap in gaps], possible)
+        found[task] = Gap(**parts)
     return found
 
 

@@ -243,11 +243,6 @@ def generalize(
     return tuple(result for result in results if result is not None)
 
 
-def has_both_splits(episodes: Sequence[Episode]) -> bool:
-    """Tell whether the episodes are of held-out and of train shapes."""
-    return {*Split} <= {episode.split for episode in episodes}
-
-
 def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Generalization | None:
     """Compare the splits in one task, None where a split has too few episodes."""
     by_split = {

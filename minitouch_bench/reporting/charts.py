@@ -128,13 +128,6 @@ class Figure:
 
 # Axes
 
-SHARE_TICKS = tuple(Tick(share, f"{share:g}") for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-
-
-def share_axis(label: str) -> Axis:
-    """Return an axis from 0 to 1."""
-    return Axis(label, 0.0, 1.0, SHARE_TICKS)
-
 
 def value_axis(label: str, highest: float, intervals: int = 4, lowest: float = 0.0) -> Axis:
     """Return an axis of round numbers from ``lowest`` or below to ``highest`` or above."""

@@ -123,16 +123,14 @@ def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
 def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
     label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    if METRICS[metric].is_share:
-        return charts.share_axis(label)
-    return charts.value_axis(label, max(values))
+    return charts.value_axis(label, 1.0 if METRICS[metric].is_share else max(values))
 
 
 def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
     metric, title = ranking_metric(task), task_title(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, v.number) for method, v in printed if v and v.number is not None]
+    paper = [(method, float(text)) for method, text in printed if text]
     marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):

@@ -39,7 +39,7 @@ PAPER_NOTE = (
 )
 """Printed below every table with values of the paper."""
 
-_METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
+METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
 released package, above the paper's best method in Playing."""
 
@@ -60,45 +60,18 @@ _PRINTED = {
 }
 
 
-@dataclass(frozen=True)
-class PaperValue:
-    """A value as the paper prints it.
-
-    Where ``is_our_unit`` is false it counts something else than ours: it is shown as OTHER_UNIT,
-    never drawn on an axis of ours, never sorted among ours and never called better or worse.
-    """
-
-    text: str
-    is_our_unit: bool
-
-    @property
-    def number(self) -> float | None:
-        """The value as a number to set beside ours, None in another unit."""
-        return float(self.text) if self.is_our_unit else None
-
-    @property
-    def remark(self) -> str:
-        """What must be said beside the value, "" if nothing."""
-        return "" if self.is_our_unit else OTHER_UNIT
-
-
-def paper_value(task: str, metric: str, method: str) -> PaperValue | None:
-    """Return a value of Table 4, None where the paper gives none."""
+def paper_value(task: str, metric: str, method: str) -> str:
+    """Return a value of Table 4 as the paper prints it, "" where it gives none."""
     printed = _PRINTED.get((task, metric))
-    if printed is None:
-        return None
-    text = printed[PAPER_METHODS.index(method)]
-    return PaperValue(text, is_our_unit=metric not in _METRICS_OF_UNKNOWN_UNIT)
+    return printed[PAPER_METHODS.index(method)] if printed else ""
 
 
 def paper_cell(task: str, metric: str, method: str) -> Cell:
     """Write a value of the paper; one in another unit is marked, and no number to sort by."""
-    value = paper_value(task, metric, method)
-    if value is None:
-        return Cell()
-    text = value.text if value.is_our_unit else value.text + MARK
-    title = ", ".join(filter(None, ("as printed in the paper", value.remark)))
-    return Cell(text, title=title, sort_key=value.number)
+    text, title = paper_value(task, metric, method), "as printed in the paper"
+    if metric in METRICS_OF_UNKNOWN_UNIT and text:
+        return Cell(text + MARK, title=f"{title}, {OTHER_UNIT}")
+    return Cell(text, title=title, sort_key=float(text)) if text else Cell()
 
 
 # Values of metrics

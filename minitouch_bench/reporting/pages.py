@@ -122,8 +122,7 @@ def make_card(
 ) -> Card:
     """Compose a task's card of ``runs`` (names, estimates), with the paper's own method."""
     metric = ranking_metric(task)
-    printed = paper_value(task, metric, PAPER_METHODS[0])
-    paper = printed.text if printed and printed.is_our_unit else ""
+    paper = paper_value(task, metric, PAPER_METHODS[0])
     beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
     values = tuple(
         CardValue(

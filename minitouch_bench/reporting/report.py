@@ -279,5 +279,7 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
                 yield (section.name, task, metric, *astuple(estimate), source)
         for method in labels.PAPER_METHODS:
             if printed := labels.paper_value(task, metric, method):
-                source = f"paper ({', '.join(filter(None, (printed.remark, labels.CAVEAT)))})"
-                yield (method, task, metric, float(printed.text), None, None, None, "", source)
+                is_other = metric in labels.METRICS_OF_UNKNOWN_UNIT
+                known = f"{labels.OTHER_UNIT}, {labels.CAVEAT}" if is_other else labels.CAVEAT
+                source = f"paper ({known})"
+                yield (method, task, metric, float(printed), None, None, None, "", source)

@@ -15,14 +15,7 @@ from minitouch_bench.metrics.definitions import (
     metrics_shown_in,
 )
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.metrics.summary import (
-    MIN_EPISODES,
-    TABLE4_METRICS,
-    Gap,
-    Generalization,
-    TaskResult,
-    has_both_splits,
-)
+from minitouch_bench.metrics.summary import TABLE4_METRICS, Gap, Generalization, TaskResult
 from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
@@ -76,7 +69,6 @@ def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequen
         rows.append(Row((labels.metric_head(metric),), tuple(cells), _shared_unit(metric)))
     notes = (
         *_label_notes(sections),
-        *_split_notes(sections),
         f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
         *([labels.PAPER_NOTE] if is_printed else []),
@@ -111,14 +103,6 @@ def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
     return tuple(
         f"* {section.name}: {'; '.join(section.labels)}." for section in sections if section.labels
     )
-
-
-def _split_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Say that a value is over both splits of a shape set, where one is."""
-    if not any(has_both_splits(section.run.rows) for section in sections):
-        return ()
-    over = "Values are over all shapes, held-out and train together"
-    return (f"{over}; with {MIN_EPISODES} episodes of each, “Novel shapes” has them apart.",)
 
 
 def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
@@ -192,8 +176,9 @@ def _gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
         rows=tuple(rows),
         notes=(
             *_label_notes(sections),
-            "Held-out: shapes that training never sees. Gap: held-out minus train. Brackets: 95 % "
-            "interval; of a gap Newcombe's for shares, otherwise bootstrap over episodes.",
+            "Held-out: shapes that training never sees. Gap: held-out minus train. Table 4 is over "
+            "both. Brackets: 95 % interval; of a gap Newcombe's for shares, otherwise bootstrap "
+            "over episodes.",
             f"“{NO_DIFFERENCE}”: the interval contains 0, which does not prove that there is none. "
             f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
             "interval in 20 still misses 0.",

@@ -97,9 +97,8 @@ def _plot(rows: pd.DataFrame, column: str, caption: str) -> Plot | None:
     if not marks:
         return None
     values = [0.0, *rows[column].dropna()]
-    axis = charts.value_axis(caption, max(values), lowest=min(values))
-    if f"evaluation_{column}" in rows:
-        axis = charts.share_axis(caption)
+    is_share = f"evaluation_{column}" in rows
+    axis = charts.value_axis(caption, 1.0 if is_share else max(values), lowest=min(values))
     if 0 < len(exploration) < len(rows):
         end = float(exploration.iloc[-1])
         marks.append(charts.Line(((end, axis.low), (end, axis.high)), "muted", 0.8))

@@ -14,9 +14,10 @@ from PIL import Image
 
 from minitouch_bench.episode import EpisodePage, Film, Outcome
 from minitouch_bench.errors import printable
+from minitouch_bench.metrics.summary import measure
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.pages import TEMPLATES, render_page
+from minitouch_bench.reporting.pages import TEMPLATES, ending_of, render_page
 from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.run import Run
 
@@ -29,14 +30,6 @@ TOUCH_COLUMNS = (
 OBJECT_COLUMNS = {1: ("door_angle_rad",), 3: ("object_x_m", "object_y_m", "object_z_m")}
 """The object's state, by how many numbers it has."""
 ACTION_COLUMNS = ("action_dx", "action_dy", "action_dz", "action_fingers", "action_yaw")
-
-ENDINGS = {
-    Outcome.SUCCESS: ("success", "success"),
-    Outcome.LEFT_WORKSPACE: ("left the workspace", "left"),
-    Outcome.STEP_LIMIT: ("step limit", "limit"),
-    Outcome.POLICY_FAULT: ("policy fault", "fault"),
-}
-"""How an episode ends, in words and as a color."""
 
 AIMS = {
     "playing": "Touch the object as often as possible; there is no goal.",
@@ -169,8 +162,8 @@ def _marks(film: Film) -> Iterator[Mapping[str, Any]]:
     trace, rate = film.played.trace, PROTOCOL.physics.tick_rate
     if trace.first_touch_tick >= 0:
         yield {"text": "first touch", "tone": "touched", "time": trace.first_touch_tick / rate}
-    text, tone = ENDINGS[film.played.outcome]
-    yield {"text": text, "tone": tone, "time": int(trace.ticks.sum()) / rate}
+    ending = ending_of(measure(film.played))
+    yield {"text": ending, "tone": ending.tone, "time": int(trace.ticks.sum()) / rate}
 
 
 def _sprite(pictures: NDArray[np.uint8], **options: Any) -> Mapping[str, Any]:

@@ -23,30 +23,11 @@ from minitouch_bench.errors import InfrastructureError, RunDirectoryError, Usage
 from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen import solids, soundness
 from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
 from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, rest_poses, solid_moments
-from minitouch_bench.shapegen.solids import (
-    Solid,
-    hull_of,
-    simplified_solid,
-    to_mesh,
-    to_solid,
-    union,
-)
-from minitouch_bench.shapegen.soundness import (
-    HIGHEST_PUSHED,
-    LIMITS,
-    Reason,
-    UnsoundError,
-    check_usable,
-    examine,
-    grip_scale,
-    height_and_width,
-    in_mm,
-    lying_excess,
-)
 
 FAMILY = "imported"
 LONGEST_STEM = 150
@@ -152,18 +133,18 @@ def import_objects(
 def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
     """Return (reason refused or "", entry, record) of one file; runs in a worker."""
     path, config = task
-    missed: dict[Reason, str] = {}
+    missed: dict[soundness.Reason, str] = {}
     try:
         mesh = prepared(read_object(path), config)
         volume = solid_moments(mesh).volume
-        low, high = (mass / volume for mass in LIMITS.mass)
+        low, high = (mass / volume for mass in soundness.LIMITS.mass)
         density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
         body = weighed(mesh, density)
-        measures = examine(body, missed.__setitem__)
-        check_usable(body, measures["poses"][0], missed.__setitem__)
+        measures = soundness.examine(body, missed.__setitem__)
+        soundness.check_usable(body, measures["poses"][0], missed.__setitem__)
     except UnreadableError as error:
         return str(error), {}, b""
-    except UnsoundError as error:
+    except soundness.UnsoundError as error:
         scale = config.scale * error.factor
         advice = f"; accepted with --scale {scale:.3g}" if scale and not config.fit else ""
         return f"{error}{advice}", {}, b""
@@ -181,46 +162,49 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     solid = _solid_of(mesh)
     if solid.volume() <= 0.0:
         raise UnreadableError(NOT_WATERTIGHT)
-    moved = in_body_frame(simplified_solid(solid, BUILD.faces))
+    moved = in_body_frame(solids.simplified_solid(solid, BUILD.faces))
     factor = _fitting(moved) if config.fit else config.scale
     longest, (low, high) = 2.0 * float(np.abs(moved.vertices).max()), LENGTH
     if not low <= longest * factor <= high:
         units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
-        hull = hull_of(moved.vertices)
-        excess = lying_excess(hull, rest_poses(hull)[0])
+        hull = solids.hull_of(moved.vertices)
+        excess = soundness.lying_excess(hull, rest_poses(hull)[0])
         most = 0.99 * min(high / longest, 1.0 / excess if excess else math.inf)
         nearest = float(np.clip(factor, SEEN_LENGTH / longest, most)) / factor
-        found = f"{in_mm(longest * factor)}, not {low * 1000:.0f} to {in_mm(high, 0)}"
-        raise UnsoundError(Reason.SIZE, found, next(units, nearest))
+        size = soundness.in_mm(longest * factor)
+        found = f"{size}, not {low * 1000:.0f} to {soundness.in_mm(high, 0)}"
+        raise soundness.UnsoundError(soundness.Reason.SIZE, found, next(units, nearest))
     mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
-    cleaned = to_mesh(to_solid(mesh))
+    cleaned = solids.to_mesh(solids.to_solid(mesh))
     if not len(cleaned.faces):
-        raise UnsoundError(Reason.THIN_WALL, "nothing of it is left on the grid")
+        raise soundness.UnsoundError(
+            soundness.Reason.THIN_WALL, "nothing of it is left on the grid"
+        )
     return Mesh(quantized(cleaned.vertices), cleaned.faces)
 
 
 def _fitting(mesh: Mesh) -> float:
     """Return a factor that makes a mesh as wide as the hand can grip, or no wider as it lies."""
     try:
-        return grip_scale(mesh, BUILD.width[1])
-    except UnsoundError:
-        hull = hull_of(mesh.vertices)
-        height, across = height_and_width(hull, rest_poses(hull)[0])
-        return min(BUILD.width[1] / across, HIGHEST_PUSHED * 0.99 / height)
+        return soundness.grip_scale(mesh, BUILD.width[1])
+    except soundness.UnsoundError:
+        hull = solids.hull_of(mesh.vertices)
+        height, across = soundness.height_and_width(hull, rest_poses(hull)[0])
+        return min(BUILD.width[1] / across, soundness.HIGHEST_PUSHED * 0.99 / height)
 
 
-def _solid_of(mesh: Mesh) -> Solid:
+def _solid_of(mesh: Mesh) -> solids.Solid:
     """Return the solid of a watertight mesh, as one body where its parts overlap or touch.
 
     Raises:
         UnreadableError: it is not watertight.
     """
-    solid = to_solid(mesh)
+    solid = solids.to_solid(mesh)
     if solid.is_empty():
         raise UnreadableError(NOT_WATERTIGHT)
     if solid.volume() < 0.0:  # its faces are turned inward
-        return to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+        return solids.to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
     parts = list(solid.decompose())
     # A part of negative volume is a cavity, which a union would fill.
     if len(parts) == 1 or any(part.volume() < 0.0 for part in parts):
@@ -231,7 +215,7 @@ def _solid_of(mesh: Mesh) -> Solid:
         part.translate((-middle).tolist()).scale([1.002] * 3).translate(middle.tolist())
         for part, middle in zip(parts, middles, strict=True)
     ]
-    return union(grown)
+    return solids.union(grown)
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
@@ -280,7 +264,7 @@ def read_object(path: Path) -> Mesh:
         [mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes]
     )
     if not np.isfinite(joined[0]).all():
-        raise UnreadableError(Reason.NOT_FINITE)
+        raise UnreadableError(soundness.Reason.NOT_FINITE)
     return Mesh(joined[0], joined[1].astype(np.int32))
 
 
@@ -368,8 +352,6 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
         UsageError: the format or the split is unknown.
         InfrastructureError: the folder cannot be written.
     """
-    if form not in WRITERS:
-        raise UsageError(f"unknown format '{form}': {', '.join(WRITERS)}")
     written = 0
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)

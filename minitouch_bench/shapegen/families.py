@@ -67,7 +67,7 @@ def melted(rng: np.random.Generator) -> Solid:
         radii.append(rng.uniform(0.24, 0.5))
         anchor = starts[int(rng.integers(len(starts)))] if rng.random() < 0.3 else end
     begin, finish, radius = np.array(starts), np.array(ends), np.array(radii)
-    field = _smooth_union(begin, finish - begin, radius, float(rng.uniform(0.04, 0.16)))
+    field = _smooth_union(begin, finish - begin, radius, rng.uniform(0.04, 0.16))
     corners = np.concatenate([begin, finish])
     low, high = corners.min(axis=0) - radius.max() - 0.3, corners.max(axis=0) + radius.max() + 0.3
     return Solid.level_set(field, [*low.tolist(), *high.tolist()], GRID, 0.0)
@@ -118,7 +118,7 @@ def _primitive(rng: np.random.Generator, half: np.ndarray) -> Solid:
     """Return a superquadric, a rounded box, a cylinder, a cone or a wedge of these half sides."""
     kind = rng.integers(6)
     if kind <= 1:
-        roundness = (float(rng.uniform(0.2, 1.6)), float(rng.uniform(0.2, 1.6)))
+        roundness = (rng.uniform(0.2, 1.6), rng.uniform(0.2, 1.6))
         return superquadric(half, roundness)
     if kind == 2:
         return rounded_box(2.0 * half, float(rng.uniform(0.05, 0.6) * half.min()))
@@ -136,7 +136,7 @@ def _cut(rng: np.random.Generator, solid: Solid, half: np.ndarray) -> Solid:
     direction /= np.linalg.norm(direction)
     kind = rng.integers(4)
     if kind == 0:
-        depth = -float(rng.uniform(0.45, 0.8)) * float(np.abs(direction * half).sum())
+        depth = -rng.uniform(0.45, 0.8) * float(np.abs(direction * half).sum())
         return solid.trim_by_plane(direction.tolist(), depth)
     axis = int(rng.integers(3))
     reach = float(np.delete(half, axis).min())
@@ -148,10 +148,10 @@ def _cut(rng: np.random.Generator, solid: Solid, half: np.ndarray) -> Solid:
     if kind == 2:
         width = float(reach * rng.uniform(0.25, 0.5))
         slot = Solid.cube([width, 6.0, 6.0], True).translate([0.0, 0.0, 3.0 + 0.1 * reach])
-        turn = float(rng.uniform(0.0, 180.0))
+        turn = rng.uniform(0.0, 180.0)
         return solid - slot.rotate([0.0, 0.0, turn]).translate(offset.tolist())
     radius = float(rng.uniform(0.35, 0.7) * half.max())
-    surface = float(np.linalg.norm(direction * half)) + radius * float(rng.uniform(0.35, 0.7))
+    surface = float(np.linalg.norm(direction * half)) + radius * rng.uniform(0.35, 0.7)
     return solid - Solid.sphere(radius, 32).translate((direction * surface).tolist())
 
 
@@ -191,14 +191,14 @@ def stacked(rng: np.random.Generator) -> Solid:
 def extruded(rng: np.random.Generator) -> Solid:
     """Return a thick cut-out with none to two holes."""
     region = random_outline(rng)
-    height = float(rng.uniform(0.75, 1.5))
+    height = rng.uniform(0.75, 1.5)
     kind = rng.random()
     if kind < 0.25:  # a second, smaller layer on the first
-        step = height * float(rng.uniform(0.35, 0.65))
-        upper = region.offset(-float(rng.uniform(0.12, 0.25)), manifold3d.JoinType.Miter)
+        step = height * rng.uniform(0.35, 0.65)
+        upper = region.offset(-rng.uniform(0.12, 0.25), manifold3d.JoinType.Miter)
         solid = Solid.extrude(region, step) + Solid.extrude(upper, height)
     elif kind < 0.5:  # tapered sides
-        top = float(rng.uniform(0.6, 0.9))
+        top = rng.uniform(0.6, 0.9)
         solid = Solid.extrude(region, height, 0, 0.0, (top, top))
     else:
         solid = Solid.extrude(region, height)
@@ -212,7 +212,7 @@ def _pierced(
 ) -> Solid:
     """Return the solid with one hole that leaves a wall all round, where it finds a place."""
     for _ in range(12):
-        radius = float(rng.uniform(0.14, 0.34))
+        radius = rng.uniform(0.14, 0.34)
         center = rng.uniform(-0.65, 0.65, size=2)
         sides = int(rng.choice([4, 6, 24]))
         guard = manifold3d.CrossSection.circle(radius + 0.17, 24).translate(center.tolist())
@@ -226,11 +226,11 @@ def _pierced(
 
 def twisted(rng: np.random.Generator) -> Solid:
     """Return a column that turns, narrows, leans or swells from its foot to its head."""
-    height = float(rng.uniform(1.8, 3.6))
+    height = rng.uniform(1.8, 3.6)
     twist = float(rng.uniform(15.0, 95.0) * rng.choice([-1, 1]))
-    top = float(rng.uniform(0.45, 1.0))
+    top = rng.uniform(0.45, 1.0)
     column = Solid.extrude(random_outline(rng), height, 24, twist, (top, top))
-    bulge = float(rng.uniform(-0.25, 0.4))
+    bulge = rng.uniform(-0.25, 0.4)
     bend = float(rng.choice([0.0, rng.uniform(0.15, 0.6)])) / height
 
     def deform(points: Points) -> Points:
@@ -256,13 +256,13 @@ WALL = 0.17
 
 def lathed(rng: np.random.Generator) -> Solid:
     """Return a vase, a spool, a bottle, a pawn, a bowl or a cup."""
-    height = float(rng.uniform(1.1, 3.0))
+    height = rng.uniform(1.1, 3.0)
     heights, radii = profile(rng, height)
     sides = int(rng.choice([5, 6, 7, 8, 36, 36, 36, 36]))
     body = _revolved(np.stack([radii, heights], axis=1), sides)
     if rng.random() < 0.5:
-        floor = float(rng.uniform(0.2, 0.65)) * height
-        wall = WALL + float(rng.uniform(0.0, 0.12))
+        floor = rng.uniform(0.2, 0.65) * height
+        wall = WALL + rng.uniform(0.0, 0.12)
         inside = heights >= floor
         cavity_z = np.concatenate([[floor], heights[inside], [height + 0.5]])
         inner = np.maximum(np.interp(cavity_z, heights, radii) - wall, 0.0)
@@ -311,18 +311,18 @@ def _arc(start: float, end: float, radii: tuple[float, float]) -> Points:
 
 
 def _mug(rng: np.random.Generator) -> Solid:
-    height = float(rng.uniform(1.3, 2.2))
+    height = rng.uniform(1.3, 2.2)
     heights, radii = profile(rng, height)
     radii = 0.55 + 0.35 * radii
     body = _revolved(np.stack([radii, heights], axis=1), int(rng.choice([6, 8, 32, 32])))
-    middle, size = height * float(rng.uniform(0.45, 0.6)), float(rng.uniform(0.36, 0.5)) * height
-    thickness = float(rng.uniform(0.13, 0.2))
-    path = _arc(-90.0, 90.0, (float(rng.uniform(0.35, 0.6)), size - thickness))
+    middle, size = height * rng.uniform(0.45, 0.6), rng.uniform(0.36, 0.5) * height
+    thickness = rng.uniform(0.13, 0.2)
+    path = _arc(-90.0, 90.0, (rng.uniform(0.35, 0.6), size - thickness))
     reach = float(np.interp(middle, heights, radii)) - 0.08
     body += tube_along(path + np.array([reach, 0.0, middle]), thickness)
     if rng.random() < 0.7:
         inner = float(radii.min()) - 0.17
-        floor = height * float(rng.uniform(0.15, 0.4))
+        floor = height * rng.uniform(0.15, 0.4)
         body -= Solid.cylinder(4.0, inner, -1.0, 32).translate([0.0, 0.0, floor])
     return body
 
@@ -331,41 +331,39 @@ def _basket(rng: np.random.Generator) -> Solid:
     sides = np.array([1.8, rng.uniform(1.0, 1.7), rng.uniform(0.7, 1.1)])
     body = rounded_box(sides, 0.15)
     body -= Solid.cube((sides - 0.38).tolist(), True).translate([0.0, 0.0, 0.35])
-    arch = _arc(0.0, 180.0, (0.78, float(rng.uniform(0.7, 1.1))))
+    arch = _arc(0.0, 180.0, (0.78, rng.uniform(0.7, 1.1)))
     return body + tube_along(
-        arch + np.array([0.0, 0.0, sides[2] / 2.0 - 0.15]), float(rng.uniform(0.14, 0.2))
+        arch + np.array([0.0, 0.0, sides[2] / 2.0 - 0.15]), rng.uniform(0.14, 0.2)
     )
 
 
 def _hammer(rng: np.random.Generator) -> Solid:
-    length, thickness = float(rng.uniform(1.8, 2.6)), float(rng.uniform(0.2, 0.32))
+    length, thickness = rng.uniform(1.8, 2.6), rng.uniform(0.2, 0.32)
     head = rng.uniform([0.45, 0.8, 0.45], [0.8, 1.6, 0.8])
     if rng.random() < 0.5:
         block = rounded_box(head, 0.1)
     else:
-        block = superquadric(
-            head / 2.0, (float(rng.uniform(0.3, 1.2)), float(rng.uniform(0.3, 1.2)))
-        )
+        block = superquadric(head / 2.0, (rng.uniform(0.3, 1.2), rng.uniform(0.3, 1.2)))
     grip = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
-    return block + grip.scale([1.0, float(rng.uniform(0.8, 1.3)), 1.0])
+    return block + grip.scale([1.0, rng.uniform(0.8, 1.3), 1.0])
 
 
 def _ladle(rng: np.random.Generator) -> Solid:
-    bowl = superquadric(np.array([0.8, 0.7, 0.55]), (1.0, float(rng.uniform(0.7, 1.0))))
-    bowl = bowl.trim_by_plane([0.0, 0.0, -1.0], -float(rng.uniform(0.1, 0.35)))
+    bowl = superquadric(np.array([0.8, 0.7, 0.55]), (1.0, rng.uniform(0.7, 1.0)))
+    bowl = bowl.trim_by_plane([0.0, 0.0, -1.0], -rng.uniform(0.1, 0.35))
     if rng.random() < 0.7:
         bowl -= Solid.sphere(0.5, 32).scale([1.1, 0.95, 0.8]).translate([0.0, 0.0, 0.25])
-    length, thickness = float(rng.uniform(1.6, 2.2)), float(rng.uniform(0.17, 0.26))
-    rise = float(rng.uniform(-0.1, 0.5))
+    length, thickness = rng.uniform(1.6, 2.2), rng.uniform(0.17, 0.26)
+    rise = rng.uniform(-0.1, 0.5)
     return bowl + capsule(np.array([0.72, 0.0, 0.0]), np.array([length, 0.0, rise]), thickness)
 
 
 def _dumb_bell(rng: np.random.Generator) -> Solid:
-    length, thickness = float(rng.uniform(1.7, 2.4)), float(rng.uniform(0.22, 0.4))
+    length, thickness = rng.uniform(1.7, 2.4), rng.uniform(0.22, 0.4)
     solid = capsule(np.zeros(3), np.array([length, 0.0, 0.0]), thickness)
     sides = int(rng.choice([4, 6, 8, 32]))
     for end_x in (0.0, length):
-        radius, width = float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.35, 0.7))
+        radius, width = rng.uniform(0.5, 0.8), rng.uniform(0.35, 0.7)
         if rng.random() < 0.4:
             end = Solid.sphere(radius * 0.9, 28)
         else:
@@ -376,12 +374,10 @@ def _dumb_bell(rng: np.random.Generator) -> Solid:
 
 def _weight(rng: np.random.Generator) -> Solid:
     half = np.array([rng.uniform(0.75, 1.0), rng.uniform(0.65, 0.9), rng.uniform(0.6, 0.9)])
-    body = superquadric(half, (float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 1.0))))
+    body = superquadric(half, (rng.uniform(0.4, 1.0), rng.uniform(0.4, 1.0)))
     body = body.trim_by_plane([0.0, 0.0, 1.0], -0.75 * float(half[2]))
-    arch = _arc(-10.0, 190.0, (float(rng.uniform(0.45, 0.65)), float(rng.uniform(0.6, 0.85))))
-    return body + tube_along(
-        arch + np.array([0.0, 0.0, 0.75 * half[2]]), float(rng.uniform(0.14, 0.22))
-    )
+    arch = _arc(-10.0, 190.0, (rng.uniform(0.45, 0.65), rng.uniform(0.6, 0.85)))
+    return body + tube_along(arch + np.array([0.0, 0.0, 0.75 * half[2]]), rng.uniform(0.14, 0.22))
 
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(

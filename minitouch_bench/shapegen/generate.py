@@ -42,18 +42,10 @@ PARTIAL = "shapes.partial"
 LIBRARIES = ("numpy", "coacd", "manifold3d", "fast-simplification")
 
 
-@dataclass(frozen=True)
-class GenerateResult:
-    """What a generation gave: the set's digest, and draws refused by reason."""
-
-    digest: str
-    refused: dict[str, int]
-
-
 def generate(
     folder: Path, count: int, root: int, workers: int, progress: Progress = lambda *_: None
-) -> GenerateResult:
-    """Make shapes 0 to ``count`` - 1 of seed ``root``, and write them as a set.
+) -> str:
+    """Make shapes 0 to ``count`` - 1 of seed ``root``, write them as a set, and return its digest.
 
     After an interruption the same call makes the shapes that are missing.
 
@@ -86,8 +78,7 @@ def generate(
             progress(len(made), count)
         document = write_set(folder, header, [made[index] for index in range(count)])
         partial.unlink()
-    refused = sum((Counter(entry["refused"]) for entry, _ in made.values()), Counter[str]())
-    return GenerateResult(content_digest(document), refused)
+    return content_digest(document)
 
 
 def made_before(partial: Path, plan: Mapping[str, Any]) -> dict[int, tuple[dict[str, Any], bytes]]:

@@ -11,15 +11,8 @@ import numpy as np
 import pybullet_data
 
 from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
+from minitouch_bench.shapegen import mesh
 from minitouch_bench.shapegen.body_codec import Body, body_files
-from minitouch_bench.shapegen.mesh import (
-    Points,
-    Quaternion,
-    RestPose,
-    product,
-    rotation_matrix,
-    yaw,
-)
 from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
 
 PAD_HALF_WIDTH = 0.0105
@@ -70,7 +63,7 @@ class Grasp:
 
 
 def plan_grasp(
-    points: Points,
+    points: mesh.Points,
     lowest_target: float = LOWEST_TARGET,
     tried: Sequence[float] = (),
     *,
@@ -101,7 +94,7 @@ def plan_grasp(
     return best
 
 
-def _rated(points: Points, x: float, z: float, depth: float) -> tuple[Grasp, float]:
+def _rated(points: mesh.Points, x: float, z: float, depth: float) -> tuple[Grasp, float]:
     """Return the grasp at a strip and height, and its score in m: less is better."""
     strip = points[np.abs(points[:, 0] - x) <= PAD_HALF_WIDTH]
     strip = strip[strip[:, 2] >= z - TIP_BELOW_TARGET - 0.002]
@@ -132,7 +125,7 @@ class Rest:
     lowest point and the table in m, negative below it.
     """
 
-    quaternion: Quaternion
+    quaternion: mesh.Quaternion
     height: float
     tilt: float
     speed: float
@@ -161,11 +154,11 @@ class GripRig:
         self._gripper.write_text(text)
         self._vertices = np.concatenate([hull.vertices for hull in body.hulls])
 
-    def settle(self, pose: RestPose) -> Rest:
+    def settle(self, pose: mesh.RestPose) -> Rest:
         """Lay the body down tilted by 2 degrees, 1 mm above the table, and wait 1.5 s."""
-        start = product((float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180))),
+        start = mesh.product((float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180))),
                         pose.quaternion)  # fmt: skip
-        lowest = float((self._vertices @ rotation_matrix(start)[2]).min())
+        lowest = float((self._vertices @ mesh.rotation_matrix(start)[2]).min())
         body = self._fresh_world(start, 0.002 - lowest)
         for _ in range(SETTLE_TICKS):
             self._client.step()
@@ -175,15 +168,15 @@ class GripRig:
             linear, angular = self._client.speed(body)
             speed, spin = max(speed, linear), max(spin, angular)
         position, quaternion = self._client.pose(body)
-        rotation = rotation_matrix(quaternion)
-        cosine = float(rotation[2] @ rotation_matrix(pose.quaternion)[2])
+        rotation = mesh.rotation_matrix(quaternion)
+        cosine = float(rotation[2] @ mesh.rotation_matrix(pose.quaternion)[2])
         gap = position[2] + float((self._vertices @ rotation[2]).min())
         return Rest(quaternion, position[2], float(np.arccos(min(1.0, cosine))), speed, spin, gap)
 
-    def lift(self, pose: RestPose, angle: float, surface: Points) -> bool:
+    def lift(self, pose: mesh.RestPose, angle: float, surface: mesh.Points) -> bool:
         """Grip a body at a yaw and raise it; true if it came. ``surface``: points (N, 3), m."""
-        turned = product(yaw(angle), pose.quaternion)
-        grasp = plan_grasp(surface @ rotation_matrix(turned).T + [0.0, 0.0, pose.height])
+        turned = mesh.product(mesh.yaw(angle), pose.quaternion)
+        grasp = plan_grasp(surface @ mesh.rotation_matrix(turned).T + [0.0, 0.0, pose.height])
         if not np.isfinite(grasp.width):
             return False
         body = self._fresh_world(turned, pose.height)
@@ -197,10 +190,10 @@ class GripRig:
             self._client.drive_joints(gripper, (POST, *FINGERS), targets, FORCES)
             self._client.step()
         position, quaternion = self._client.pose(body)
-        lowest = position[2] + float((self._vertices @ rotation_matrix(quaternion)[2]).min())
+        lowest = position[2] + float((self._vertices @ mesh.rotation_matrix(quaternion)[2]).min())
         return lowest >= PICK_UP.lift
 
-    def visible_pixels(self, pose: RestPose) -> int:
+    def visible_pixels(self, pose: mesh.RestPose) -> int:
         """Return how many pixels of a policy's image show the body where it is seen worst."""
         body = self._fresh_world(pose.quaternion, pose.height)
         counts = []
@@ -214,7 +207,7 @@ class GripRig:
                 counts.append(np.count_nonzero(image.bodies == body))
         return int(min(counts))
 
-    def _fresh_world(self, quaternion: Quaternion, height: float) -> int:
+    def _fresh_world(self, quaternion: mesh.Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""
         client = self._client
         client.reset_world()

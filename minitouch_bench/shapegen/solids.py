@@ -135,8 +135,8 @@ def random_outline(rng: np.random.Generator) -> manifold3d.CrossSection:
     makers = (_polygon, _star, _gear, _wave, _letter, _letter, _arrow, _crescent)
     region = makers[int(rng.integers(len(makers)))](rng)
     if rng.random() < 0.6:
-        region = rounded(region, float(rng.uniform(0.04, 0.12)))
-    return region.scale([1.0, float(rng.uniform(0.6, 1.0))])
+        region = rounded(region, rng.uniform(0.04, 0.12))
+    return region.scale([1.0, rng.uniform(0.6, 1.0)])
 
 
 def _ring(radii: np.ndarray, turn: float = 0.0) -> manifold3d.CrossSection:
@@ -146,17 +146,17 @@ def _ring(radii: np.ndarray, turn: float = 0.0) -> manifold3d.CrossSection:
 
 def _polygon(rng: np.random.Generator) -> manifold3d.CrossSection:
     count = int(rng.integers(3, 9))
-    return _ring(rng.uniform(0.7, 1.0, size=count), float(rng.uniform(0.0, 1.0)))
+    return _ring(rng.uniform(0.7, 1.0, size=count), rng.uniform(0.0, 1.0))
 
 
 def _star(rng: np.random.Generator) -> manifold3d.CrossSection:
     points = int(rng.integers(3, 7))
-    return _ring(np.tile([1.0, float(rng.uniform(0.5, 0.75))], points))
+    return _ring(np.tile([1.0, rng.uniform(0.5, 0.75)], points))
 
 
 def _gear(rng: np.random.Generator) -> manifold3d.CrossSection:
     teeth = int(rng.integers(3, 7))
-    low = float(rng.uniform(0.68, 0.85))
+    low = rng.uniform(0.68, 0.85)
     return _ring(np.tile([1.0, 1.0, low, low], teeth))
 
 
@@ -171,7 +171,7 @@ def _wave(rng: np.random.Generator) -> manifold3d.CrossSection:
 
 def _letter(rng: np.random.Generator) -> manifold3d.CrossSection:
     """Bars on a square: L, T, U, H, X, Z, E, F or plus."""
-    bar = float(rng.uniform(0.42, 0.62))
+    bar = rng.uniform(0.42, 0.62)
     edge = 1.0 - bar / 2.0
     bars = {
         "left": (-edge, 0.0, bar, 2.0),
@@ -196,14 +196,12 @@ def _letter(rng: np.random.Generator) -> manifold3d.CrossSection:
 
 
 def _arrow(rng: np.random.Generator) -> manifold3d.CrossSection:
-    neck, head = float(rng.uniform(0.28, 0.5)), float(rng.uniform(-0.2, 0.4))
-    upper = [[1.0, 0.0], [head, 0.9], [head, neck], [-1.0, neck * float(rng.uniform(0.8, 1.6))]]
+    neck, head = rng.uniform(0.28, 0.5), rng.uniform(-0.2, 0.4)
+    upper = [[1.0, 0.0], [head, 0.9], [head, neck], [-1.0, neck * rng.uniform(0.8, 1.6)]]
     lower = [[x, -y] for x, y in upper[:0:-1]]
     return outline(np.array(upper + lower))
 
 
 def _crescent(rng: np.random.Generator) -> manifold3d.CrossSection:
-    bite = manifold3d.CrossSection.circle(float(rng.uniform(0.45, 0.85)), 40)
-    return manifold3d.CrossSection.circle(1.0, 48) - bite.translate(
-        [float(rng.uniform(0.7, 1.0)), 0.0]
-    )
+    bite = manifold3d.CrossSection.circle(rng.uniform(0.45, 0.85), 40)
+    return manifold3d.CrossSection.circle(1.0, 48) - bite.translate([rng.uniform(0.7, 1.0), 0.0])

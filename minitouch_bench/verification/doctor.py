@@ -141,7 +141,7 @@ def _simulation(workers: int) -> Iterator[Check]:
     several = max(workers, 2)
     shuffled = [specs[i] for i in np.random.default_rng().permutation(len(specs))]
     bits = _bits(LocalEngine(several).run(recording, shuffled))
-    yield _same(here, bits, f"with {several} workers in another order")
+    yield _same(here, bits, several)
     yield _reference()
     yield _speed(speed, workers)
 
@@ -162,14 +162,13 @@ def _bits(played: Iterable[PlayedEpisode]) -> dict[str, str]:
     return {record.spec.key: record.trace.digest() for record in played}
 
 
-def _same(here: dict[str, str], again: dict[str, str], how: str) -> Check:
-    result, what = (
-        CheckResult.OK,
-        f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same bits {how}",
-    )
+def _same(here: dict[str, str], again: dict[str, str], workers: int) -> Check:
+    how = f"bits with {workers} workers in another order"
     if other := sorted(key for key in here if here[key] != again.get(key)):
-        result, what = CheckResult.FAIL, f"other bits {how}: {', '.join(other)}"
-    return Check("order and workers", result, what)
+        what = f"other {how}: {', '.join(other)}"
+        return Check("order and workers", CheckResult.FAIL, what)
+    what = f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same {how}"
+    return Check("order and workers", CheckResult.OK, what)
 
 
 def _reference() -> Check:

@@ -110,9 +110,7 @@ def require_video() -> Any:
 
 
 def _write_mp4(scenes: Scenes, path: Path) -> None:
-    with require_video().get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=16) as video:
-        for scene in scenes:
-            video.append_data(scene)
+    require_video().mimwrite(path, scenes, fps=FRAMES_PER_SECOND, macro_block_size=16)
 
 
 def _write_gif(scenes: Scenes, path: Path) -> None:

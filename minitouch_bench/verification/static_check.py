@@ -4,18 +4,18 @@ No episode is played. What ``run.json`` says is computed again from its episodes
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, zip_longest
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from minitouch_bench import errors
-from minitouch_bench.episode import IN_MEMORY, Episode, EpisodeSpec, Outcome, Role, episode_key
+from minitouch_bench.episode import IN_MEMORY, Episode, Outcome, episode_key
+from minitouch_bench.errors import plain_line
 from minitouch_bench.files import ACTIONS_FILE, RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
@@ -55,9 +55,9 @@ class Problem:
     is_unchecked: bool = False
 
     def __str__(self) -> str:
-        place = f"{_shown(self.place)}: " if self.place else ""
-        remedy = f"; {_shown(self.remedy)}" if self.remedy else ""
-        return f"{place}{_shown(self.what)}{remedy}"
+        place = f"{plain_line(self.place, SHOWN_CHARACTERS)}: " if self.place else ""
+        remedy = f"; {plain_line(self.remedy, SHOWN_CHARACTERS)}" if self.remedy else ""
+        return f"{place}{plain_line(self.what, SHOWN_CHARACTERS)}{remedy}"
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,6 @@ class Problems:
             self.add(place, str(error).replace("\n", " "), remedy)
 
 
-def _shown(text: str, longest: int = SHOWN_CHARACTERS) -> str:
-    plain = errors.printable(text)
-    return plain if len(plain) <= longest else f"{plain[:longest]}…"
-
-
 def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]:
     """Yield each place where two JSON values differ; estimates may differ by ROUNDING."""
     if isinstance(recorded, Mapping) and isinstance(computed, Mapping):
@@ -131,7 +126,7 @@ def compare_values(path: str, recorded: Any, computed: Any) -> Iterator[Problem]
             for index, pair in enumerate(zip(recorded, computed, strict=True)):
                 yield from compare_values(f"{path}[{index}]", *pair)
     elif not _equal(recorded, computed):
-        then, now = (_shown(repr(value), VALUE_CHARACTERS) for value in (recorded, computed))
+        then, now = (plain_line(repr(value), VALUE_CHARACTERS) for value in (recorded, computed))
         yield Problem(path, f"{then} recorded, {now} found")
 
 
@@ -143,8 +138,8 @@ def _equal(recorded: Any, computed: Any) -> bool:
 
 # The check of a run
 
-IDENTITY = ("seed", "shape", "family", "split")
-"""What the suite fixes of an episode, beside its task and index."""
+IDENTITY = attrgetter("task", "index", "seed", "shape", "family", "split")
+"""What the suite fixes of an episode."""
 RUN_AGAIN = "evaluate again with this version of minitouch-bench"
 AS_WRITTEN = "take the run as it was written"
 
@@ -222,51 +217,20 @@ def _isolation_mistake(header: RunHeader) -> str:
 
 def _episodes(run: Run) -> Iterator[Problem]:
     """Compare the rows of both roles with the episodes of the plan, in their order."""
-    specs = run.header.specs()
     for role, rows in run.by_role():
-        planned = [spec for spec in specs if spec.role is role]
-        wanted, found = (Counter((one.task, one.index) for one in of) for of in (planned, rows))
-        missing, others = wanted - found, found - wanted
-        yield from _named(role, [*missing], "missing", "evaluate the whole suite")
-        yield from _named(role, [*others], "there twice, or not of the suite", AS_WRITTEN)
-        if not (missing or others):
-            yield from _in_order(role, rows, planned)
-
-
-def _in_order(
-    role: Role, rows: Sequence[Episode], planned: Sequence[EpisodeSpec]
-) -> Iterator[Problem]:
-    """Compare the rows, each of which is there once, with their order and what each must be."""
-    pairs = [*zip(rows, planned, strict=True)]
-    for what, names, remedy in (
-        ("not in the suite's order", ("task", "index"), AS_WRITTEN),
-        *((f"with another {name} than the suite's", (name,), RUN_AGAIN) for name in IDENTITY),
-    ):
-        same = attrgetter(*names)
-        other = [(spec.task, spec.index) for row, spec in pairs if same(row) != same(spec)]
-        yield from _named(role, other, what, remedy)
-        if other:
-            return
-
-
-def _named(
-    role: Role, episodes: Sequence[tuple[str, int]], what: str, remedy: str
-) -> Iterator[Problem]:
-    """Name the first few episodes that share a problem, and count the rest."""
-    if episodes:
-        keys = [episode_key(role, *episode) for episode in episodes]
-        count = f"{len(keys)} episode{'s are' if len(keys) > 1 else ' is'} {what}"
-        yield Problem(keys[0], f"{count}: {first_of(keys, NAMED)}", remedy)
+        planned = [spec for spec in run.header.specs() if spec.role is role]
+        pairs = zip_longest(map(IDENTITY, planned), map(IDENTITY, rows))
+        if other := next((spec or row for spec, row in pairs if spec != row), None):
+            what = "from here the episodes are not the suite's, in its order, seeds and shapes"
+            counts = f"{len(rows)} recorded of {len(planned)}"
+            yield Problem(episode_key(role, *other[:2]), f"{what} ({counts})", RUN_AGAIN)
 
 
 def _rows(run: Run) -> Iterator[Problem]:
     """Yield what no episode can be; the same kind of contradiction a few times."""
-    for role, rows in run.by_role():
-        bad = [(row, what) for row in rows if (what := next(contradictions(row), ""))]
-        for row, what in bad[:NAMED]:
-            yield Problem(episode_key(role, row.task, row.index), what, AS_WRITTEN)
-        if len(bad) > NAMED:
-            yield Problem(str(role), f"{len(bad)} episodes contradict themselves", AS_WRITTEN)
+    bad = ((spec, next(contradictions(row), "")) for spec, row in run.specs_and_rows())
+    found = (Problem(spec.key, what, AS_WRITTEN) for spec, what in bad if what)
+    yield from islice(found, NAMED)
 
 
 def contradictions(row: Episode) -> Iterator[str]:

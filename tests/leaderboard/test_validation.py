@@ -78,7 +78,7 @@ def test_every_fault_is_told_at_once(submission):
     edit_run(submission, lambda run: run["episodes"].pop())
     (submission / "extra.txt").write_text("hello")
     found = "\n".join(refused(submission, "submission.toml", "method"))
-    for words in ("paper", "1 episode is missing", "extra.txt"):
+    for words in ("paper", "399 recorded of 400", "extra.txt"):
         assert words in found
 
 

@@ -1,7 +1,7 @@
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
-from minitouch_bench.reporting.charts import Chart, Dot, Line, Plot, name_axis, share_axis
+from minitouch_bench.reporting.charts import Chart, Dot, Line, Plot, name_axis, value_axis
 from minitouch_bench.reporting.svg import draw_plot
 
 HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
@@ -9,7 +9,8 @@ HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
 
 def rows_plot(name="a"):
     marks = (Line(((0.2, 0), (0.9, 0)), "series-0"), Dot(0.5, 0, "series-0"))
-    return Plot("Pushing", "success", (Chart(share_axis("Success"), name_axis([name]), marks, 30),))
+    chart = Chart(value_axis("Success", 1.0), name_axis([name]), marks, 30)
+    return Plot("Pushing", "success", (chart,))
 
 
 def test_a_drawing_is_well_formed_and_holds_no_style():

@@ -79,7 +79,7 @@ def test_a_page_holds_every_picture_and_takes_no_name_for_markup(hostile):
     (found,) = re.findall(r'id="episode">(.*?)</script>', html)
     data = json.loads(found)
     assert (data["scenes"]["count"], data["images"]["count"]) == (5, 4)
-    assert [mark["text"] for mark in data["marks"]] == ["first touch", "step limit"]
+    assert [mark["text"] for mark in data["marks"]] == ["first touch", "touched, but failed"]
     assert data["marks"][0]["time"] == 0.25
 
 
