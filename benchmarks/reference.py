@@ -274,9 +274,14 @@ def _plain(text: str) -> str:
 
 def _table(heads: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     lines = [heads, tuple("---" for _ in heads), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
+    return "\n".join("| " + " | ".join(map(_cell, line)) + " |" for line in lines)
+
+
+def _cell(text: str) -> str:
+    """Escape pipes: GitHub needs that inside code, too, where zensical would show a backslash."""
+    if "|" in text:
+        text = re.sub("`(.*?)`", r"<code>\1</code>", text)
+    return text.replace("|", "&#124;")
 
 
 def _page(parts: Iterable[str]) -> str:

@@ -87,8 +87,8 @@ def build(
     for refusal in board.refused:
         print_problems(refusal.name, refusal.reasons)
     note(
-        f"{len(board.ranked)} ranked, {len(board.other_protocol)} of another protocol, "
-        f"{len(board.refused)} refused"
+        f"{len(board.ranked)} ranked, {len(board.unranked)} without a rank, "
+        f"{len(board.other_protocol)} of another protocol, {len(board.refused)} refused"
     )
     print(output / "index.html")
 

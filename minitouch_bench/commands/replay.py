@@ -62,6 +62,7 @@ def replay(
     print(*files, sep="\n")
     is_same = replay_check.is_as_recorded(opened, played)
     bits = "the same bits as recorded" if is_same else "NOT the bits that were recorded"
-    note(f"{episode}: {row.outcome} after {len(played.trace.actions)} steps; {bits}")
+    ending, steps = row.outcome.replace("_", " "), len(played.trace.actions)
+    note(f"{episode}: {ending} after {steps} steps; {bits}")
     if not is_same:
         raise typer.Exit(CHECK_FAILED)

@@ -47,7 +47,11 @@ def report(
     ] = False,
     table_format: Annotated[
         Literal["md", "latex", "csv", "json"] | None,
-        typer.Option("--format", help="Print Table 4 in this format, and write no page."),
+        typer.Option(
+            "--format",
+            metavar="md|latex|csv|json",
+            help="Print Table 4 in this format, and write no page.",
+        ),
     ] = None,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""

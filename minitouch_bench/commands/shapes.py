@@ -103,7 +103,8 @@ def export(
     folder: Folder,
     output: Output,
     form: Annotated[
-        Literal["urdf", "obj"], typer.Option("--format", help="Format of the files.")
+        Literal["urdf", "obj"],
+        typer.Option("--format", metavar="urdf|obj", help="Format of the files."),
     ] = "urdf",
     split: Annotated[str | None, typer.Option(help="train or held-out; by default both.")] = None,
 ) -> None:

@@ -53,10 +53,11 @@ def pair_runs(first: Run, second: Run) -> Pairs:
     _refuse_other("objects", runs, [run.plan.objects or "the tasks' own" for run in runs])
     _refuse_other("seeds", runs, [run.plan.seed for run in runs])
     here, there = (_by_key(run, left_out) for run in runs)
-    missing = (
+    alone = (
         [key for key in one if key not in other] for one, other in ((here, there), (there, here))
     )
-    _refuse_other("episodes", runs, [first_of(keys, NAMED) or "none" for keys in missing])
+    one_sided = [f"also {first_of(keys, NAMED)}" if keys else "no others" for keys in alone]
+    _refuse_other("episodes", runs, one_sided)
     for key, one in here.items():
         scenes = [f"seed {episode.seed}, shape '{episode.shape}'" for episode in (one, there[key])]
         _refuse_other(f"episodes {key}", runs, scenes)

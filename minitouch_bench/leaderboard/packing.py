@@ -147,7 +147,10 @@ def pack(
     target = submissions / submission.name
     with lock_aside(submissions) as folder:
         if os.path.lexists(target):
-            raise RunDirectoryError(f"{target} is there: move it away, or choose another --name")
+            raise RunDirectoryError(
+                f"{target} is there: minitouch-bench leaderboard remove {target.name}, or choose "
+                "another --name"
+            )
         copy = folder / submission.name
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
         for seed, training in zip(submission.seeds, trainings, strict=True):

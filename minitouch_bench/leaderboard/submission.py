@@ -7,6 +7,7 @@ import hashlib
 import os
 import re
 import stat
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -213,6 +214,8 @@ def _texts(submission: Submission) -> Iterator[tuple[str, str]]:
         for text in given if isinstance(given, tuple) else (given,):
             if printable(text) != text:
                 yield key, f"'{printable(text)}' has control or unseen characters; remove them"
+            elif not unicodedata.is_normalized("NFC", text):
+                yield key, f"'{text}' is not in Unicode's composed form (NFC)"
     if len(set(submission.modalities)) < len(submission.modalities):
         yield "modalities", "one of them is there twice"
 
@@ -253,6 +256,9 @@ def in_place(seed: TrainingSeed) -> TrainingSeed:
 RUN_LIMITS = {files.RUN_FILE: 4 * files.MIB, files.ACTIONS_FILE: 12 * files.MIB}
 """The files that each run in a submission has, beside videos, and the most bytes of each."""
 
+VIEWS = (".csv", ".md", ".html")
+"""Endings of files that are written for people: of a run's facts, and not among them."""
+
 MAX_SUBMISSION_FILE = 64 * files.KIB
 MP4_MARK = b"ftyp"
 """What an MP4 file has at its fifth byte."""
@@ -267,8 +273,10 @@ def list_files(directory: Path, problems: Problems) -> dict[str, int]:
     """Return the size in bytes of every plain file by its path; nothing is followed or opened."""
     sizes: dict[str, int] = {}
     with problems.caught(""), files.os_errors_as(UnreadableFileError, directory, "read"):
-        if not files.is_folder(directory):
-            problems.add("", "it is not a directory, or is a link", "give a directory itself")
+        if not directory.is_dir():
+            problems.add("", "it is not a directory", "give a submission's directory")
+        elif not files.is_folder(directory):
+            problems.add("", "it is a link, not a directory", "give the directory itself")
         for entry in () if problems else _walk(directory):
             path = entry.path[len(str(directory)) + 1 :]
             status = entry.stat(follow_symlinks=False)
@@ -330,7 +338,9 @@ def check_files(
         is_video = folder in folders and VIDEO.fullmatch(name)
         limit = MAX_VIDEO if is_video else limits.get(path)
         if limit is None:
-            problems.add(path, "a submission has no such file", "remove it")
+            more = "; make tables and pages with minitouch-bench report"
+            remedy = f"remove it{more if path.endswith(VIEWS) else ''}"
+            problems.add(path, "a submission has no such file", remedy)
         elif size > limit:
             problems.add(path, f"it has {size} bytes; the limit is {limit}", "make it smaller")
         elif is_video:

@@ -31,6 +31,8 @@ from minitouch_bench.protocol.spec import ACTION_SIZES
 ON_POLICY = "gae_lambda"
 """A setting of PPO and A2C alone."""
 
+LEAST_FORCE_LIMIT = min(task.force_limit for task in PROTOCOL.tasks)
+
 SETTINGS = {
     "policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space",
     "_last_obs", ON_POLICY,
@@ -159,5 +161,12 @@ def count_frames(space: Any) -> int:
             f"it was trained on another observation ({str(space)[:120]}); here it is "
             f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE}), or n of them joined "
             "by VecFrameStack"
+        )
+    assert isinstance(touch, spaces.Box)  # which alone has a shape and a type of numbers
+    forces = touch.high.reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.forces]
+    if (forces < LEAST_FORCE_LIMIT).any():
+        raise PolicyLoadError(
+            f"it was trained with forces of at most {forces.min():g}; here they are newtons, up to "
+            f"{LEAST_FORCE_LIMIT:g} or more. Put the scaling into the network: a features extractor"
         )
     return frames

@@ -146,7 +146,8 @@ def _kind_of(path: Path) -> str:
     kind = KIND_BY_SUFFIX.get(path.suffix)
     if kind is None:
         raise PolicyLoadError(
-            f"{path} has no known policy format; known are {', '.join(KIND_BY_SUFFIX)}"
+            f"{path} has no known policy format; known are {', '.join(KIND_BY_SUFFIX)}, and "
+            "package.module:attribute for Python code"
         )
     return kind
 

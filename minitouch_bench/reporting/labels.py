@@ -222,9 +222,13 @@ def fault_lines(section: RunSection) -> list[str]:
     return lines
 
 
+MUCH_CLIPPING = 0.5
+"""Share of clipped actions above which a policy probably lacks a tanh, or has other units."""
+
+
 def run_labels(run: Run) -> tuple[str, ...]:
-    """Return what a reader must know of a run: notes on the policy, and why it is unofficial."""
-    header, faults = run.header, len(run.faults)
+    """Return what a reader must know of a run: notes, why it is unofficial, what went wrong."""
+    header, faults = run.header, [*group_faults(run.faults.items())]
     labels = list(header.policy.notes)
     if header.exploration is not None:
         labels += [
@@ -236,7 +240,12 @@ def run_labels(run: Run) -> tuple[str, ...]:
         reasons = "; ".join(header.unofficial_because)
         labels.append(f"unofficial: {reasons}" if reasons else "unofficial")
     if faults:
-        labels.append(f"{faults} policy {'fault' if faults == 1 else 'faults'}")
+        count, more = len(run.faults), ", and others" if len(faults) > 1 else ""
+        labels.append(f"{count} policy {'fault' if count == 1 else 'faults'}: {faults[0]}{more}")
+    clipped = sum(row.clipped_actions for row in run.rows)
+    share = clipped / max(1, sum(row.steps for row in run.rows))
+    if share > MUCH_CLIPPING:
+        labels.append(f"{share:.0%} of its actions were outside -1 to 1, and clipped")
     return tuple(printable(label) for label in labels)
 
 

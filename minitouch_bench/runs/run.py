@@ -23,7 +23,7 @@ from minitouch_bench.episode import (
     Role,
     Sha256,
 )
-from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError, printable
 from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.metrics.summary import (
     Summary,
@@ -223,7 +223,10 @@ class Run:
         reasons = f"unofficial: {'; '.join(self.header.unofficial_because)}"
         label = "official" if self.header.official else reasons
         title = f"{self.header.policy.name} on {self.plan.suite}, {label}"
-        return "\n\n".join([title, *(str(one) for one in self.summary.tasks)])
+        if self.faults:
+            key, text = next(iter(self.faults.items()))
+            title += f"; {len(self.faults)} policy fault(s), the first in {key}: {text}"
+        return "\n\n".join([printable(title), *(str(one) for one in self.summary.tasks)])
 
     def _repr_html_(self) -> str:
         return results_html(str(self).partition("\n")[0], self.summary.tasks)
@@ -231,7 +234,8 @@ class Run:
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"
         policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
-        return f"<Run of {policy} on {suite}, {label}: {tasks}>"
+        faults = f", {len(self.faults)} policy fault(s)" if self.faults else ""
+        return f"<Run of {policy} on {suite}, {label}{faults}: {tasks}>"
 
     def by_role(self) -> tuple[tuple[Role, tuple[Episode, ...]], ...]:
         """Return the rows of each role, the final policy's first."""

@@ -96,7 +96,7 @@ def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
     assert done.code == 0
     assert "bad: submission.toml: the name is 'hac', the directory 'bad'" in done.out
     assert done.out.splitlines()[-1] == "reports/leaderboard/index.html"
-    assert "1 ranked, 0 of another protocol, 1 refused" in done.err
+    assert "1 ranked, 0 without a rank, 0 of another protocol, 1 refused" in done.err
     names = {path.name for path in (root / "reports" / "leaderboard").iterdir()}
     assert {"index.html", "leaderboard.md", "leaderboard.json"} <= names
 

@@ -159,7 +159,7 @@ def test_what_is_not_alike_beside_the_policies_is_said():
         "isolation: sandbox in the first run, none in the second",
         "numpy: 2.4.6 in the first run, 2.0.0 in the second",
     )
-    assert "1 policy fault" in comparison.runs[1].labels
+    assert "1 policy fault: NaN" in comparison.runs[1].labels
     assert compared(GOOD, BAD).pairs[0].notes == ()
 
 

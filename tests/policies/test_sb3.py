@@ -8,6 +8,7 @@ import cloudpickle
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
@@ -200,6 +201,12 @@ def test_a_model_of_stacked_frames_acts_as_it_does_in_its_training():
             seen, *_ = stacked.step(wanted)
     channels_last = VecFrameStack(inner, 3, channels_order="last")
     refused(saved(make("SAC", channels_last, **small)), "joined by VecFrameStack")
+
+
+def test_a_model_that_learned_on_scaled_forces_is_refused():
+    environment = StillEnvironment(4)
+    environment.observation_space["touch"] = spaces.Box(-1.0, 1.0, (11,), np.float32)
+    refused(saved(make("PPO", environment, net_arch=[8])), "forces of at most 1; here")
 
 
 def test_a_model_whose_observations_were_normalized_is_refused(observation):

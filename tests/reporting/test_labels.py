@@ -12,6 +12,7 @@ from minitouch_bench.reporting.labels import (
     paper_cell,
     paper_value,
     reproduce_command,
+    run_labels,
     run_names,
 )
 
@@ -45,6 +46,14 @@ def test_runs_of_one_policy_are_told_apart(hac):
     assert run_names([hac, again]) == ("hac-seed1 (hac-seed1)", "hac-seed1 (second)")
     assert run_names([hac, hac])[1] == "hac-seed1 (hac-seed1) #2"
     assert run_names([hac]) == ("hac-seed1",)
+
+
+def test_a_policy_whose_actions_are_mostly_clipped_is_said_to_be_one(scripted):
+    rows = [replace(row, clipped_actions=row.steps) for row in scripted.rows]
+    assert "100% of its actions were outside -1 to 1, and clipped" in run_labels(
+        replace(scripted, rows=tuple(rows))
+    )
+    assert not any("clipped" in label for label in run_labels(scripted))
 
 
 def test_a_run_is_repeated_by_its_suite_and_what_differs_from_it(hac, scripted):

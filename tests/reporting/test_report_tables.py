@@ -52,7 +52,7 @@ def test_labels_stand_below_every_table_and_mark_a_run(hac, scripted):
     for table in (report.table4, report.diagnostics):
         notes = "\n".join(table.notes)
         assert "* scripted: reads the simulator's state; unofficial: 5 of 100 episodes." in notes
-        assert "* hac-seed1: 2 policy faults." in notes
+        assert "* hac-seed1: 2 policy faults: act() gave NaN" in notes
     assert report.table4.columns[0].label == "hac-seed1\u00a0*"
     assert build_report([replace(hac, faults={})]).table4.columns[0].label == "hac-seed1"
     assert "one training seed" in "\n".join(report.table4.notes)
