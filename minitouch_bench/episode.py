@@ -79,6 +79,8 @@ class EpisodeSpec:
 class Trace:
     """What happened at each of the T control steps; ``run.json`` keeps its digest alone.
 
+    It is the world's, whatever a run's conditions give the policy in place of ``touch``.
+
     ``actions`` float32 (T, A), as applied (clipped); ``clipped`` bool (T,); ``rewards``
     float32 (T,); ``ticks``, ``contact_ticks``, ``onsets`` int16 (T,); ``touch`` float32
     (T + 1, 11), the first row from the reset; ``object_state`` float64 (T + 1, 3), the
@@ -133,13 +135,15 @@ class Film:
     """A played episode with its pictures.
 
     ``scenes`` uint8 (T + 1, H, W, 3): the scene at the reset and after each control step.
-    ``images`` uint8 (T, 84, 84): what the policy was given before each of its actions.
+    ``images`` uint8 (T, 84, 84) and ``touch`` float32 (T, 11): what the policy was given before
+    each of its actions; one more where it failed at the next.
     ``target``: where Pushing's object is to go (m), None in the other tasks.
     """
 
     played: PlayedEpisode
     scenes: NDArray[np.uint8]
     images: NDArray[np.uint8]
+    touch: NDArray[np.float32]
     target: tuple[float, float] | None = None
 
 

@@ -50,6 +50,11 @@ class Perturbation:
         """Whether a policy is given other observations than the environment's."""
         return bool(self.without or self.noise or self.force_noise)
 
+    @property
+    def change_the_forces(self) -> bool:
+        """Whether a policy is given other forces than those of its fingers."""
+        return bool({"touch", "forces"}.intersection(self.without) or self.force_noise)
+
     def draw(self, rng: np.random.Generator) -> tuple[float, float, float]:
         """Draw one episode's factors on mass and friction, and the degrees of its camera."""
         uniform = rng.uniform

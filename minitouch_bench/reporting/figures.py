@@ -241,6 +241,10 @@ def _force_figure(
         f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
         f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
     )
+    altered = [one.name for one in sections if one.run.plan.conditions.change_the_forces]
+    if altered:
+        names = labels.listed(altered)
+        text += f" All are true forces, also where the policy was given others: {names}."
     if not all(forces):
         text += (
             " Forces that are missing here: “minitouch-bench report RUN --forces” replays the "

@@ -15,6 +15,7 @@ from PIL import Image
 from minitouch_bench.episode import EpisodePage, Film, Outcome
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.summary import measure
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
 from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.pages import TEMPLATES, ending_of, render_page
@@ -100,30 +101,51 @@ def _what_touching_did(progress: Progress) -> str:
     return f"Did not reach the goal: {progress.title.lower()} {reached}"
 
 
-def episode_columns(film: Film) -> Mapping[str, list[float | None]]:
+def episode_columns(film: Film, conditions: Perturbation) -> Mapping[str, list[float | None]]:
     """Return T + 1 values per column: at the reset, and of each control step or at its end."""
     trace = film.played.trace
     seconds = np.concatenate(([0], np.cumsum(trace.ticks))) / PROTOCOL.physics.tick_rate
-    touch = trace.touch.astype(np.float64)
-    touch[:, PROTOCOL.observation.openings] *= 1000 * PROTOCOL.control.finger_open
     names = ("time_s", *TOUCH_COLUMNS, *OBJECT_COLUMNS[trace.object_state.shape[1]])
-    at_ends = np.column_stack((seconds, touch, trace.object_state)).round(6) + 0.0  # no -0.0
+    at_ends = np.column_stack((seconds, _in_units(trace.touch), trace.object_state))
+    at_ends = at_ends.round(6) + 0.0  # no -0.0
     columns: dict[str, list[float | None]] = dict(zip(names, at_ends.T.tolist(), strict=True))
     of_steps = {"ticks": trace.ticks, "contact_ticks": trace.contact_ticks}
     of_steps |= dict(zip(ACTION_COLUMNS, trace.actions.T.astype(np.float64).round(6), strict=False))
-    return columns | {name: [None, *values.tolist()] for name, values in of_steps.items()}
+    columns |= {name: [None, *values.tolist()] for name, values in of_steps.items()}
+    return columns | _given_columns(film, conditions)
 
 
-def episode_csv(film: Film) -> str:
-    """Write an episode as CSV: a row for the reset, and one per control step."""
-    columns = episode_columns(film)
+def _given_columns(film: Film, conditions: Perturbation) -> dict[str, list[float | None]]:
+    """Return what the policy was given in place of what ``conditions`` change in the touch vector.
+
+    T + 1 values per column; none at the end, since no action follows.
+    """
+    if not conditions.change_the_forces:
+        return {}
+    changed = slice(None) if "touch" in conditions.without else PROTOCOL.observation.forces
+    given = (_in_units(film.touch).round(6) + 0.0).T.tolist()
+    rest = [None] * (len(film.scenes) - len(film.touch))
+    names = [f"given_{name}" for name in TOUCH_COLUMNS[changed]]
+    return {name: [*values, *rest] for name, values in zip(names, given[changed], strict=True)}
+
+
+def _in_units(touch: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return touch vectors (N, 11) in the units of their columns."""
+    in_units = touch.astype(np.float64)
+    in_units[:, PROTOCOL.observation.openings] *= 1000 * PROTOCOL.control.finger_open
+    return in_units
+
+
+def episode_csv(run: Run, film: Film) -> str:
+    """Write an episode of a run as CSV: a row for the reset, and one per control step."""
+    columns = episode_columns(film, run.plan.conditions)
     rows = zip(range(len(film.scenes)), *columns.values(), strict=True)
     return rows_csv(("step", *columns), rows)
 
 
 def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
     """Compose the page of an episode; ``is_as_recorded``: the replay gave the recorded bits."""
-    spec, columns = film.played.spec, episode_columns(film)
+    spec, columns = film.played.spec, episode_columns(film, run.plan.conditions)
     title = f"{task_title(spec.task)}, episode {spec.index}"
     marks = list(_marks(film))
     data = {

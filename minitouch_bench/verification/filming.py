@@ -23,6 +23,7 @@ from minitouch_bench.files import REPLAYS, VIDEOS, make_folder, os_errors_as, vi
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, Policy
 from minitouch_bench.processes import core_count, run_in_workers
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.reporting.viewer import episode_csv, episode_page
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -39,12 +40,13 @@ Scenes = NDArray[np.uint8]
 
 
 class _FilmedPolicy:
-    """A policy with a camera: before each action it keeps the scene, and the image it was given."""
+    """A policy with a camera: before each action it keeps the scene, and what it was given."""
 
     def __init__(self, policy: Policy, world: MiniTouchEnv) -> None:
         self._policy, self._world = policy, world
         self.scenes: list[NDArray[np.uint8]] = []
         self.images: list[NDArray[np.uint8]] = []
+        self.touch: list[NDArray[np.float32]] = []
 
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode."""
@@ -54,6 +56,7 @@ class _FilmedPolicy:
         """Return the policy's action."""
         self.scenes.append(self._world.picture())
         self.images.append(observation["image"][0])
+        self.touch.append(observation["touch"])
         return self._policy.act(observation)
 
 
@@ -76,8 +79,9 @@ def film_episode(
         steps = len(played.trace.actions)
         scenes = [*filmed.scenes[:steps], world.picture()]
         images = np.array(filmed.images, np.uint8).reshape(-1, *IMAGE_SHAPE[1:])
+        touch = np.array(filmed.touch, np.float32).reshape(-1, PROTOCOL.observation.touch_size)
         target = getattr(world.task, "target", None)
-        return Film(played, np.array(scenes), images, target)
+        return Film(played, np.array(scenes), images, touch, target)
 
 
 def write_video(film: Film, path: Path) -> None:
@@ -146,7 +150,7 @@ def film_to_files(run: Run, job: tuple[EpisodeSpec, Iterable[Path]]) -> PlayedEp
             is_same = is_as_recorded(run, film.played)
             episode_page(run, film, is_as_recorded=is_same).save(path)
         elif path.suffix == ".csv":
-            write_file(path, episode_csv(film))
+            write_file(path, episode_csv(run, film))
         else:
             write_video(film, path)
     return film.played

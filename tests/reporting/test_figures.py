@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.reporting.charts import Band
 from minitouch_bench.reporting.figures import report_figures, steps_plot
 from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
@@ -40,3 +43,10 @@ def test_the_paper_is_never_on_an_axis_of_touch(hac):
     rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in first.plots}
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
+
+
+def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
+    plan = replace(hac.plan, conditions=Perturbation(without=("forces",)))
+    numb = replace(hac, header=replace(hac.header, plan=plan))
+    texts = [report_figures(*parts(run), [{}])[-1].text for run in (hac, numb)]
+    assert ["given others: hac-seed1" in text for text in texts] == [False, True]

@@ -4,13 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.filming import film_episode, film_run
+from minitouch_bench.verification.filming import film_episode, film_run, film_to_files
 
 HAC = Path("submissions/hac/seed-20/table4")
 
@@ -91,6 +92,40 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given():
     blind = replace(Recording.of(run, [spec]), plan=plan)
     images = film_episode(blind, spec, (8, 8)).images
     assert (images == images[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("conditions", "first_given"),
+    [
+        (Perturbation(without=("forces",)), "left_force_x_N"),
+        (Perturbation(force_noise=20.0), "left_force_x_N"),
+        (Perturbation(without=("touch",)), "hand_x_m"),
+    ],
+)
+def test_what_the_policy_was_given_is_shown_beside_the_truth(
+    browser, tmp_path, conditions, first_given
+):
+    run = read_run(HAC)
+    plan = replace(run.plan, conditions=conditions)
+    altered = replace(run, header=replace(run.header, plan=plan))
+    page, table = tmp_path / "page.html", tmp_path / "table.csv"
+    spec, _ = run.find("pick-up/2")
+    truth = film_to_files(altered, (spec, (page, table))).trace.touch[:, 5:]
+    rows = pd.read_csv(table)
+    given = [name for name in rows if name.startswith("given_")]
+    forces = rows[given[-6:]].to_numpy()
+    assert given[0] == f"given_{first_given}"
+    np.testing.assert_allclose(rows.loc[:, "left_force_x_N":"right_force_z_N"], truth, atol=1e-5)
+    assert np.isnan(forces[-1]).all()  # no action follows
+    if conditions.without:
+        assert (forces[:-1] == 0).all()  # as at the reset
+    else:
+        assert 10 < (forces - truth)[:-1].std() < 30
+    browser.open(page)
+    drawn = browser.run("document.querySelectorAll('.faint').length")
+    assert drawn == (8 if "touch" in conditions.without else 6)
+    shown = browser.run("document.querySelector('.plot h2 b').textContent.slice(-3)")
+    assert f"{forces[0, 0]:.1f}".endswith(shown)
 
 
 def test_the_image_before_a_fault_is_shown():

@@ -10,7 +10,11 @@
   // The panels: what is drawn below each other. A scale gives the place of a value, 0 to 1.
   const linear = (low, high) => (value) => (value - low) / (high - low);
   const root = (most) => (value) => (1 + Math.sign(value) * Math.sqrt(Math.abs(value) / most)) / 2;
-  const curve = (column, name, tone) => ({ values: columns[column], name, tone });
+  // A curve shows what the policy was given; where that is not the truth, there is a faint curve too.
+  const curve = (column, name, tone) => {
+    const given = columns[`given_${column}`];
+    return { values: given || columns[column], truth: given && columns[column], name, tone };
+  };
   const force = (finger) => ({
     title: `Force on the ${finger} finger, N`,
     scale: root(data.limit * 1.1),
@@ -73,6 +77,7 @@
       item.append(one.name);
       readouts.push({ out: element(item, "b"), values: one.values, digits: panel.digits });
     }
+    if (panel.curves.some((one) => one.truth)) element(head, "span", "", "bold: what the policy was given; faint: the truth");
   }
   const path = (panel, values, y) => {
     let line = "";
@@ -109,7 +114,8 @@
       make(svg, "line", { class: `event ${mark.tone}`, x1: x(mark.time), x2: x(mark.time), y1: 0, y2: height });
     }
     for (const one of panel.bars ? [] : panel.curves) {
-      make(svg, "path", { class: `curve ${one.tone}`, d: path(panel, one.values, y) });
+      if (one.truth) make(svg, "path", { class: `curve faint ${one.tone}`, d: path(panel, one.truth, y) });
+      make(svg, "path", { class: `curve ${one.truth ? "bold " : ""}${one.tone}`, d: path(panel, one.values, y) });
     }
     if (isLast) {
       const unit = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20].find((one) => (end / one) * 52 < width) || 50;
