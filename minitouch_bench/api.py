@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
 AUTO_OUTPUT = "auto"
-"""Means ``reports/POLICY-SUITE``."""
+"""Means the directory that the command line takes by default."""
 
 TRAININGS = files.REPORTS / "training"
 
@@ -89,7 +89,7 @@ def evaluate(
     ``act(observation)``, and ``reset(seed, task)`` if it uses episodes; a Stable-Baselines3 model;
     a torch module on (image, touch). An object runs beside the simulator, so the run is
     unofficial. Without ``output`` the run is kept in memory only, and is lost if interrupted;
-    "auto" means ``reports/POLICY-SUITE``. ``objects`` are what ``make`` takes. ``progress`` is
+    "auto" means the command line's default. ``objects`` are what ``make`` takes. ``progress`` is
     shown on stderr, or in the notebook; None: where a terminal or a notebook is attached and no
     ``callbacks`` are given. The other options are those of the command line.
 

@@ -78,8 +78,8 @@ def evaluate(
         Path | None,
         output_option(
             metavar="DIR",
-            help="Directory of the run; by default reports/POLICY-SUITE, with the objects and the "
-            "conditions where they differ.",
+            help="Directory of the run; by default reports/POLICY-SUITE and what differs from the "
+            "suite, as in reports/hac-table4-pick-up-10-episodes.",
         ),
     ] = None,
     video: Annotated[

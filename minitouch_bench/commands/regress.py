@@ -75,7 +75,7 @@ def regress(
         Path | None,
         output_option(
             metavar="DIR",
-            help="Directory of POLICY's run; by default reports/POLICY-SUITE-regress.",
+            help="Directory of POLICY's run; by default that of evaluate, with -regress behind it.",
         ),
     ] = None,
     resume: options.Resume = False,

@@ -1,6 +1,7 @@
 """Begin or resume a run, play the episodes that are missing, and make the finished run."""
 
 import contextlib
+import hashlib
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -41,6 +42,9 @@ PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_package
 HOPELESS_AFTER = 10
 """A run whose first episodes, this many, are all policy faults ends there."""
 
+LONGEST_NAME = 80
+"""Characters of a policy in a run's name, and of what differs from its suite."""
+
 
 def header_of(setup: PolicySetup) -> RunHeader:
     """Return what fixes the numbers of the run that plays this."""
@@ -50,10 +54,13 @@ def header_of(setup: PolicySetup) -> RunHeader:
 
 
 def run_name(header: RunHeader) -> str:
-    """Name a run after its policy, suite, objects and perturbation, fit for a file name."""
-    policy = _file_name(header.policy.name)[:80] or "policy"
-    changes = [_file_name(words) for words in header.plan.changes_in_words()]
-    return "-".join((policy, header.plan.suite, *changes))
+    """Name a run after its policy, suite and what differs from the suite, fit for a file name."""
+    policy = _file_name(header.policy.name)[:LONGEST_NAME] or "policy"
+    changes = "-".join(map(_file_name, header.plan.differences()))
+    if len(changes) > LONGEST_NAME:  # the digest tells apart what is the same up to here
+        digest = hashlib.sha256(changes.encode()).hexdigest()[:8]
+        changes = f"{_file_name(changes[: LONGEST_NAME - 9])}-{digest}"
+    return "-".join(filter(None, (policy, header.plan.suite, changes)))
 
 
 def _file_name(text: str) -> str:
@@ -69,9 +76,9 @@ def open_run(
 
     Raises:
         UsageError: both ``resume`` and ``fresh``.
-        RunDirectoryError: it holds a run and neither was asked for, or a run of other
-            settings; the text names the differences. Or it holds other files and no run; or it
-            cannot be written.
+        RunDirectoryError: it holds a run and neither was asked for, or one that cannot be
+            resumed; the text says why. Or it holds other files and no run; or it cannot be
+            written.
     """
     if resume and fresh:
         raise errors.UsageError("choose one of --resume and --fresh")
@@ -83,17 +90,28 @@ def open_run(
         if not fresh:
             _check_empty(directory)
         return Journal.begin(header, package_versions(), directory)
+    try:
+        done = _read_done(header, directory)
+    except errors.RunDirectoryError as error:
+        advice = "Replace it with --fresh, or choose another --output"
+        raise type(error)(f"{error}.\n{advice}") from error
     if not resume:
         raise errors.RunDirectoryError(
-            f"{directory} already contains a run.\n"
-            "Add --resume to continue it, --fresh to replace it, or choose another directory"
+            f"{directory} already contains this run of {header.policy.name} on "
+            f"{header.plan.suite}.\n"
+            "Add --resume to continue it, --fresh to replace it, or choose another --output"
         )
-    if (directory / files.RUN_FILE).exists():
-        run = read_run(directory)
-        check_same(header, run.header, directory)
+    if isinstance(done, Run):
         Journal(header, directory).remove()  # a crash after the last file left it
-        return run
-    return Journal.resume(header, package_versions(), directory)
+    return done
+
+
+def _read_done(header: RunHeader, directory: Path) -> Journal | Run:
+    if not (directory / files.RUN_FILE).exists():
+        return Journal.resume(header, package_versions(), directory)
+    run = read_run(directory)
+    check_same(header, run.header, directory)
+    return run
 
 
 def _check_empty(directory: Path) -> None:
@@ -191,7 +209,7 @@ def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: C
 
 @contextmanager
 def resumable(directory: Path | None) -> Iterator[None]:
-    """Tell the user of an interrupted run how to continue it.
+    """Tell the user of an interrupted run how to continue it, or how to replace a hopeless one.
 
     A file that cannot be written, as on a full disk, interrupts one too.
     """
@@ -200,10 +218,15 @@ def resumable(directory: Path | None) -> Iterator[None]:
         if directory is None
         else f"What is done is kept in {directory}; the same command with --resume continues."
     )
+    repeat = "Correct the policy and repeat"
+    if directory is not None:
+        repeat += " the command with --fresh; or --resume plays this same policy on"
     try:
         yield
-    except (errors.HopelessRunError, errors.OutOfMemoryError) as error:
-        raise type(error)(f"{error}\n{advice}") from error
+    except errors.HopelessRunError as error:
+        raise errors.HopelessRunError(f"{error}\n{repeat}") from error
+    except errors.OutOfMemoryError as error:
+        raise errors.OutOfMemoryError(f"{error}\n{advice}") from error
     except (errors.InfrastructureError, errors.RunDirectoryError) as error:
         raise errors.InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:

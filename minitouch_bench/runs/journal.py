@@ -4,6 +4,7 @@ Each line begins with the CRC-32 of its JSON, and each but the first with its ow
 line that a crash or a full disk cut short costs its own episode, and never the next one.
 """
 
+import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -13,11 +14,12 @@ import msgspec
 
 from minitouch_bench import files
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, PolicyIdentity, Trace
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, plain_line
 from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
+from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
 from minitouch_bench.runs.run import RunHeader
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
@@ -25,6 +27,9 @@ LARGEST_JOURNAL = 3 * files.GIB // 2
 
 LINE_UNIT = 16 * files.KIB
 """An episode's line has this length: a policy can see the file's size, and so their number only."""
+
+CONSEQUENCES = {"task_digests", "official", "unofficial_because"}
+"""Facts of a header that follow from its others."""
 
 ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
 
@@ -82,13 +87,12 @@ class Journal:
         with files.os_errors_as(RunDirectoryError, path, "read"):
             first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
         if first is None:
-            raise RunDirectoryError(f"{path} has no header: start again with --fresh")
+            raise RunDirectoryError(f"{path} has no header")
         stored = read_json(first, _FirstLine, str(path))
         check_same(header, stored.header, directory)
         if differences := compare_versions(stored.packages, packages):
             raise RunDirectoryError(
-                f"{directory} was begun with other packages: {differences}.\n"
-                "Install those, or start again with --fresh"
+                f"{directory} was begun with other packages, which --resume needs: {differences}"
             )
         records = [_parse_record(line, str(path)) for line in others if line is not None]
         found = {record.spec: record for record in records}
@@ -141,8 +145,7 @@ def _parse_record(line: bytes, name: str) -> PlayedEpisode:
         arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
         trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
     except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
-        what = f"{name} is damaged: {error}; start again with --fresh"
-        raise RunDirectoryError(what) from error
+        raise RunDirectoryError(f"{name} is damaged: {error}") from error
     return PlayedEpisode(stored.spec, stored.outcome, trace, stored.fault)
 
 
@@ -150,17 +153,18 @@ def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
     """Refuse to go on with a run of other settings.
 
     Raises:
-        RunDirectoryError: the text names the differences.
+        RunDirectoryError: the text names the run and the differences.
     """
-    settings = _flat(asked)
-    differences = [
-        f"{name}: {_in_words(value)} there, {_in_words(settings[name])} asked for"
-        for name, value in _flat(there).items()
-        if value != settings[name]
-    ]
-    if differences:
+    old, new = _flat(there), _flat(asked)
+    differing = [name for name in old if old[name] != new[name]]
+    if differing:
+        differences = [
+            f"{name}: {_in_words(old[name])} there, {_in_words(new[name])} asked for"
+            for name in [name for name in differing if name not in CONSEQUENCES] or differing
+        ]
         raise RunDirectoryError(
-            f"{directory} holds another run and cannot be resumed.\n" + "; ".join(differences)
+            f"{directory} contains another run, of {there.policy.name} on {there.plan.suite}; "
+            + "; ".join(differences)
         )
 
 
@@ -179,5 +183,6 @@ def _in_words(value: object) -> str:
     if isinstance(value, Perturbation):
         return ", ".join(value.in_words()) or "none"
     if isinstance(value, tuple):
-        return ", ".join(map(str, value)) or "none"
-    return "none" if value in (None, msgspec.UNSET) else str(value)
+        return first_of([*map(str, value)], NAMED_IN_LABEL) or "none"
+    text = "none" if value in (None, msgspec.UNSET) else str(value)
+    return text[:12] if re.fullmatch("[0-9a-f]{64}", text) else plain_line(text, 80)

@@ -192,6 +192,17 @@ class Plan:
         objects = (f"objects {self.objects}",) if self.objects else ()
         return (*objects, *self.conditions.in_words())
 
+    def differences(self) -> tuple[str, ...]:
+        """Return what differs from the suite in the episodes, and ``changes_in_words``; short."""
+        suite = PROTOCOL.suite(self.suite)
+        is_usual = self.tasks == _usual_tasks(suite, with_objects=bool(self.objects))
+        words = list(self.chosen or (() if is_usual else self.tasks))
+        if self.episodes != suite.episodes_per_task:
+            words.append(f"{self.episodes} {'episode' if self.episodes == 1 else 'episodes'}")
+        if self.seed != suite.seed:
+            words.append(f"seed {self.seed}")
+        return (*words, *self.changes_in_words())
+
     def as_options(self) -> tuple[str, ...]:
         """Return the options of ``evaluate`` that make this plan."""
         suite = PROTOCOL.suite(self.suite)
@@ -222,6 +233,13 @@ class Plan:
         if replace(made, objects=self.objects) != self:
             return "its tasks or episodes are not those of the suite, in its order"
         return self.objects.mistake(self.tasks) if self.objects else ""
+
+
+def _usual_tasks(suite: SuiteSpec, *, with_objects: bool) -> tuple[str, ...]:
+    """Return the tasks of a suite; ``with_objects`` those that have an object to choose."""
+    return tuple(
+        task for task in suite.tasks if not with_objects or PROTOCOL.task(task).default_objects
+    )
 
 
 def _novel_shape(suite: str, index: int) -> manifest.Shape:
@@ -264,8 +282,8 @@ def make_plan(
         raise UsageError("episodes and seed are whole numbers") from error
     if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
-    if objects is not None and not chosen and tasks is None:
-        tasks = [task for task in known.tasks if PROTOCOL.task(task).default_objects]
+    if not chosen and tasks is None:
+        tasks = _usual_tasks(known, with_objects=objects is not None)
     plan = Plan(
         suite,
         choose_tasks([key.partition("/")[0] for key in chosen] or tasks, known),

@@ -177,9 +177,12 @@ def test_a_directory_that_holds_a_run_is_not_touched(scripted):
     _, directory = scripted
     before = {path.name: path.read_bytes() for path in directory.iterdir()}
     again = run(*SCRIPTED, "--output", directory, directory=directory.parent)
-    again.refused(6, "--resume", "--fresh")
-    other = run("evaluate", "zero", *ONE, "--output", directory, "--resume", directory=directory)
-    other.refused(6, "another run", "policy: scripted there, zero asked for")
+    again.refused(6, "this run of scripted on table4", "--resume", "--fresh")
+    for resume in ((), ("--resume",)):
+        other = ("evaluate", "zero", *ONE, "--output", directory, *resume)
+        other = run(*other, directory=directory)
+        other.refused(6, "another run, of scripted on table4", "there, zero asked for", "--fresh")
+        assert "--resume" not in other.err
     assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
 
 

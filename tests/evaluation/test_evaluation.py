@@ -1,14 +1,18 @@
+from dataclasses import replace
+
 import pytest
 
 from minitouch_bench.api import evaluate
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import HopelessRunError, InfrastructureError, RunDirectoryError
 from minitouch_bench.evaluation.engine import Callbacks
-from minitouch_bench.evaluation.execution import header_of, open_run
+from minitouch_bench.evaluation.execution import header_of, open_run, run_name
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.policies.policy import Isolation
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.client import BUILDS
 from tests.evaluation.runs import digests, request, run
 
@@ -67,6 +71,48 @@ def test_a_run_of_other_settings_is_not_resumed(finished, tmp_path, other, diffe
     assert difference in str(caught.value)
 
 
+def test_a_difference_is_said_without_its_consequences(tmp_path):
+    open_run(header_of(request(tasks=("pick-up",), episodes=10)), tmp_path)
+    official = request(tasks=PROTOCOL.suite("table4").tasks, episodes=100)
+    for resume in (False, True):
+        with pytest.raises(RunDirectoryError) as refused:
+            open_run(header_of(official), tmp_path, resume=resume)
+        assert str(refused.value) == (
+            f"{tmp_path} contains another run, of scripted on table4; "
+            "tasks: pick-up there, playing, pushing, opening, pick-up asked for; "
+            "episodes: 10 there, 100 asked for.\n"
+            "Replace it with --fresh, or choose another --output"
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, "zero-table4"),
+        ({"tasks": ["pick-up"], "episodes": 10}, "zero-table4-pick-up-10-episodes"),
+        ({"tasks": ["opening", "pushing"]}, "zero-table4-pushing-opening"),
+        ({"episodes": 1, "seed": 7}, "zero-table4-1-episode-seed-7"),
+        ({"episodes_from": ["pushing/3,17"]}, "zero-table4-pushing-3-pushing-17"),
+        ({"objects": "cube"}, "zero-table4-objects-cube"),
+        ({"suite": "smoke", "episodes": 5, "seed": 0}, "zero-smoke"),
+    ],
+)
+def test_a_run_is_named_after_what_differs_from_its_suite(options, name):
+    plan = make_plan(**{"suite": "table4", **options})
+    assert run_name(header_of(replace(request("zero"), plan=plan))) == name
+
+
+def test_a_long_name_of_a_run_is_cut_and_stays_its_own():
+    names = set()
+    for last in range(50, 60):
+        chosen = f"pushing/{','.join(map(str, range(50)))},{last}"
+        setup = replace(request("zero"), plan=make_plan("table4", episodes_from=[chosen]))
+        names.add(run_name(header_of(setup)))
+    assert len(names) == 10
+    assert all(name.startswith("zero-table4-pushing-0-pushing-1-") for name in names)
+    assert max(map(len, names)) <= len("zero-table4-") + 80
+
+
 def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path):
     begin(finished[1], tmp_path, 6)
     (tmp_path / "notes.txt").write_text("mine")
@@ -103,6 +149,19 @@ def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, imp
     assert (tmp_path / JOURNAL_FILE).read_bytes().count(b"\n") == 10
     done = run(wanted, tmp_path, resume=True)
     assert [row.outcome for row in done.rows] == [Outcome.POLICY_FAULT] * 12
+
+
+@pytest.mark.parametrize("output", [None, "run"])
+def test_after_ten_faults_the_corrected_policy_is_to_be_played_again(tmp_path, output):
+    class Hopeless:
+        def act(self, observation):
+            raise ValueError("nothing learned")
+
+    directory = None if output is None else tmp_path / output
+    with pytest.raises(HopelessRunError, match=r"\nCorrect the policy and repeat") as ended:
+        evaluate(Hopeless(), tasks="opening", episodes=11, workers=1, output=directory)
+    assert ("with --fresh; or --resume" in str(ended.value)) is (output is not None)
+    assert "kept" not in str(ended.value)
 
 
 class Backwards(LocalEngine):

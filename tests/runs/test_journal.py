@@ -85,7 +85,7 @@ def test_a_whole_line_of_damaged_arrays_is_refused(path):
     first, line, *_ = path.read_bytes().split(b"\n")
     text = line[9:].replace(b"UEs", b"AAA")  # "PK" of a zip file in base64
     path.write_bytes(first + b"\n%08x " % zlib.crc32(text) + text)
-    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged.*--fresh"):
+    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged"):
         resumed(path.parent)
 
 
@@ -93,7 +93,7 @@ def test_a_whole_line_of_damaged_arrays_is_refused(path):
 def test_episodes_without_their_header_are_refused(path, content):
     _, _, episodes = path.read_bytes().partition(b"\n")
     path.write_bytes(content + b"\n" + episodes)
-    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} has no header.*--fresh"):
+    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} has no header"):
         resumed(path.parent)
 
 
