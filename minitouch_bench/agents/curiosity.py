@@ -64,12 +64,9 @@ class Curiosity(nn.Module, ABC):
     def __init__(self, config: CuriosityConfig) -> None:
         super().__init__()
         self.config = config
-        self.seen: Tensor
-        self.mean: Tensor
-        self.squares: Tensor
-        self.register_buffer("seen", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("mean", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("squares", torch.zeros((), dtype=torch.float64))
+        self.seen: Tensor = nn.Buffer(torch.zeros((), dtype=torch.float64))
+        self.mean: Tensor = nn.Buffer(torch.zeros((), dtype=torch.float64))
+        self.squares: Tensor = nn.Buffer(torch.zeros((), dtype=torch.float64))
 
     def begin(self) -> None:
         """Make the optimizer, once everything is in place on its device."""
@@ -139,12 +136,9 @@ class Whitening(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.count: Tensor
-        self.mean: Tensor
-        self.square: Tensor
-        self.register_buffer("count", torch.zeros(()))
-        self.register_buffer("mean", torch.zeros(IMAGE_SHAPE))
-        self.register_buffer("square", torch.zeros(IMAGE_SHAPE))
+        self.count: Tensor = nn.Buffer(torch.zeros(()))
+        self.mean: Tensor = nn.Buffer(torch.zeros(IMAGE_SHAPE))
+        self.square: Tensor = nn.Buffer(torch.zeros(IMAGE_SHAPE))
 
     @torch.no_grad()
     def watch(self, images: Tensor) -> None:

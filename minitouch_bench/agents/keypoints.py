@@ -60,8 +60,7 @@ class Keypoints(nn.Module):
         super().__init__()
         self.encoder = KeypointEncoder()
         self.drawing = Drawing()
-        self.hand: Tensor
-        self.register_buffer("hand", torch.zeros(4, 2))
+        self.hand: Tensor = nn.Buffer(torch.zeros(4, 2))
 
     def learn(self, draw: Draw, updates: int) -> None:
         """Learn keypoints in ``updates`` gradient steps, then which of them is the hand."""

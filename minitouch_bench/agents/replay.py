@@ -61,13 +61,14 @@ class Replay:
         self.capacity = capacity
         self._images: list[bytes] = []
         self._plain = np.zeros(0, np.uint8)
-        self._touch = np.zeros((0, touch_size), np.float32)
-        self._action = np.zeros((0, action_size), np.float32)
-        self._reward = np.zeros(0, np.float32)
-        self._ended = np.zeros(0, np.bool_)
-        self._last = np.zeros(0, np.bool_)
-        self._led_to_success = np.zeros(0, np.bool_)
-        self._features = np.zeros((0, features_size), np.float32)
+        # Memory is taken where it is written to.
+        self._touch = np.zeros((capacity, touch_size), np.float32)
+        self._action = np.zeros((capacity, action_size), np.float32)
+        self._reward = np.zeros(capacity, np.float32)
+        self._ended = np.zeros(capacity, np.bool_)
+        self._last = np.zeros(capacity, np.bool_)
+        self._led_to_success = np.zeros(capacity, np.bool_)
+        self._features = np.zeros((capacity, features_size), np.float32)
         self._encoded = 0
         self._image_shape: tuple[int, ...] = ()
         self._episode_start = 0
@@ -109,8 +110,6 @@ class Replay:
 
     def _append(self, image: NDArray[np.uint8], touch: NDArray[np.float32]) -> None:
         row = self.rows % self.capacity
-        if row >= len(self._last):
-            self._grow()
         content = zlib.compress(image.tobytes(), COMPRESSION_LEVEL)
         if row < len(self._images):
             self._images[row] = content
@@ -141,14 +140,6 @@ class Replay:
         if not len(self._plain):  # memory that is taken where it is written to
             self._plain = np.empty((min(self.capacity, PLAIN_ROWS), *image.shape), np.uint8)
         self._plain[row % len(self._plain)] = image
-
-    def _grow(self) -> None:
-        size = min(self.capacity, max(1024, 2 * len(self._last)))
-        for name in _COLUMNS:
-            old = getattr(self, name)
-            new = np.zeros((size, *old.shape[1:]), old.dtype)
-            new[: len(old)] = old
-            setattr(self, name, new)
 
     def sample(
         self,
@@ -258,9 +249,9 @@ class Replay:
         """
         self.rows, self._episode_start = state["rows"], state["episode_start"]
         self._image_shape, self._encoded = state["image_shape"], state["encoded"]
-        for name in _COLUMNS:
-            setattr(self, name, state[name].numpy().copy())
         lengths, end, size = state["lengths"].tolist(), 0, len(self)
+        for name in _COLUMNS:
+            getattr(self, name)[:size] = state[name]
         images = read_images(sum(lengths))
         self._images = [b""] * size
         for row in range(self.rows - size, self.rows):

@@ -28,7 +28,7 @@ from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ProgressRow:
     """The control steps since the row before; None where there is nothing to tell.
 
@@ -43,32 +43,23 @@ class ProgressRow:
     step: int
     phase: str
     episodes: int
-    intrinsic_reward: float | None
-    task_reward: float | None
-    touch_share: float | None
-    force: float | None
-    success: float | None
-    curiosity_loss: float | None
-    critic_loss: float | None
-    actor_loss: float | None
-    value: float | None
-    entropy: float | None
-    temperature: float | None
-    evaluation_success: float | None
-    evaluation_touch_share: float | None
+    intrinsic_reward: float | None = None
+    task_reward: float | None = None
+    touch_share: float | None = None
+    force: float | None = None
+    success: float | None = None
+    curiosity_loss: float | None = None
+    critic_loss: float | None = None
+    actor_loss: float | None = None
+    value: float | None = None
+    entropy: float | None = None
+    temperature: float | None = None
+    evaluation_success: float | None = None
+    evaluation_touch_share: float | None = None
     seconds: float
 
 
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
-LOSSES = (
-    "intrinsic_reward",
-    "curiosity_loss",
-    "critic_loss",
-    "actor_loss",
-    "value",
-    "entropy",
-    "temperature",
-)
 
 
 @dataclass(frozen=True)
@@ -108,10 +99,6 @@ class Tally:
         self, step: int, phase: str, evaluation: Evaluation | None, seconds: float
     ) -> ProgressRow:
         """Return the row that these sums make."""
-        means = {
-            name: float(self.losses[name]) / self.updates if name in self.losses else None
-            for name in LOSSES
-        }
         return ProgressRow(
             step=step,
             phase=phase,
@@ -123,7 +110,7 @@ class Tally:
             evaluation_success=evaluation.success if evaluation else None,
             evaluation_touch_share=evaluation.touch_share if evaluation else None,
             seconds=round(seconds, 1),
-            **means,
+            **{name: float(total) / self.updates for name, total in self.losses.items()},
         )
 
 
@@ -172,8 +159,6 @@ class Training:
         self._episode = -1
         self._seconds = 0.0
         self.step = 0
-        self.kept_step: int | None = None
-        """Step of the last checkpoint."""
 
     def start(self, *, fresh: bool = False) -> None:
         """Begin, or go on from the last checkpoint, if there is one and not ``fresh``.
@@ -327,7 +312,6 @@ class Training:
 
     def _save(self) -> None:
         self._files.save(self._state(), self._replay)
-        self.kept_step = self.step
 
     def _state(self) -> dict[str, Any]:
         """Return everything but the replay memory."""
@@ -344,7 +328,6 @@ class Training:
         state = self._files.load(self._replay)
         with self._files.damage_named():
             self.step, self._episode = state["step"], state["episode"]
-            self.kept_step = self.step
             self._seconds = state["seconds"]
             vars(self._tally).update(state["tally"])
             self._learner.load_state(state["learner"])

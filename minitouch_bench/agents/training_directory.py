@@ -3,8 +3,8 @@
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatch
 from functools import partial
@@ -29,13 +29,13 @@ from minitouch_bench.agents.training import (
 )
 from minitouch_bench.episode import EpisodeSpec, Outcome
 from minitouch_bench.errors import (
-    InfrastructureError,
     InvalidActionError,
     MissingExtraError,
     RunDirectoryError,
     UsageError,
 )
 from minitouch_bench.evaluation.engine import Note
+from minitouch_bench.evaluation.execution import resumable
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
@@ -128,43 +128,22 @@ def run_training(
         training.start(fresh=fresh)
         if fresh:  # nothing can be refused any more
             _remove_training(directory)
-        with _resumable(training, directory):
+        with resumable(directory):
             _keep_policy(config, directory)
             files.write_file(directory / CONFIG_FILE, write_toml(config))
             events = _open_events(directory, callbacks.note)
             if events is not None:
                 stack.callback(events.close)
-            finished = training.run()
+            try:
+                finished = training.run()
+            except InvalidActionError as error:
+                raise UsageError(
+                    f"the training diverged after step {training.step}: {error}.\n"
+                    "Set a smaller learning_rate or reward_scale, and another --output"
+                ) from error
             if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
                 files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
-
-
-@contextmanager
-def _resumable(training: Training, directory: Path) -> Iterator[None]:
-    """Where a file cannot be written, say what is kept and how to go on.
-
-    Raises:
-        InfrastructureError: a file cannot be written.
-        UsageError: the networks no longer give numbers.
-    """
-    try:
-        yield
-    except InvalidActionError as error:
-        raise UsageError(
-            f"the training diverged after step {training.step}: {error}.\n"
-            "Set a smaller learning_rate or reward_scale, and another --output"
-        ) from error
-    except RunDirectoryError as error:
-        kept = training.kept_step
-        if kept is None:
-            advice = "There is no checkpoint yet; the same command with --resume begins again"
-        else:
-            advice = (
-                f"The checkpoint of step {kept} is kept in {directory}; once there is room, the "
-                "same command with --resume continues"
-            )
-        raise InfrastructureError(f"{error}\n{advice}") from error
 
 
 class _Events:

@@ -12,9 +12,8 @@ import subprocess
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -24,7 +23,6 @@ from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner, PolicyMaker
-from minitouch_bench.files import cache_file
 from minitouch_bench.machine import compare_versions, require
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import read_again
@@ -143,7 +141,7 @@ class RayEngine:
             # Numeric libraries read these when they are loaded, before the process's first line.
             runtime_env={"env_vars": ARITHMETIC},
         )
-        packed, facts = self._ray.put(map_checkpoints(source, pack)), facts_of_this_machine()
+        packed, facts = self._ray.put(pack(source)), facts_of_this_machine()
         waiting, running = deque(specs), dict[Any, EpisodeSpec]()
         try:
             while waiting or running:
@@ -171,40 +169,24 @@ def facts_of_this_machine() -> dict[str, str]:
     return {**package_versions(), "protocol": PROTOCOL.digest()[:12]}
 
 
-def pack(policy: PolicySource) -> PolicySource:
-    """Put the bytes of a checkpoint into its source.
+def pack(source: PolicyMaker) -> PolicyMaker:
+    """Return what makes the policies from the bytes of its checkpoints; a recording has none.
 
     Raises:
-        CheckpointChangedError: it cannot be read, or is no longer what it was.
+        CheckpointChangedError: one cannot be read, or is no longer what it was.
     """
-    return replace(policy, content=read_again(policy.target, policy.digest))
 
-
-def unpack(policy: PolicySource) -> PolicySource:
-    """Put the bytes of a checkpoint into this machine's cache.
-
-    Raises:
-        InfrastructureError: the cache cannot be written.
-    """
-    path = cache_file("policy", Path(policy.target).suffix, policy.content)
-    return replace(policy, target=str(path), content=b"")
-
-
-def map_checkpoints(
-    source: PolicyMaker, change: Callable[[PolicySource], PolicySource]
-) -> PolicyMaker:
-    """Return what makes the policies with each of its checkpoints changed; a recording has none."""
-
-    def changed(policy: PolicySource) -> PolicySource:
+    def packed(policy: PolicySource) -> PolicySource:
         if policy.parts:
-            parts = tuple((task, changed(part)) for task, part in policy.parts)
-            return replace(policy, parts=parts)
-        return change(policy) if policy.digest and policy.kind != IN_MEMORY else policy
+            return replace(policy, parts=tuple((task, packed(part)) for task, part in policy.parts))
+        if not policy.digest or policy.kind == IN_MEMORY:
+            return policy
+        return replace(policy, content=read_again(policy.target, policy.digest))
 
     if not isinstance(source, PolicySetup):
         return source
-    explorer = source.exploration and changed(source.exploration)
-    return replace(source, policy=changed(source.policy), exploration=explorer)
+    explorer = source.exploration and packed(source.exploration)
+    return replace(source, policy=packed(source.policy), exploration=explorer)
 
 
 # What runs on a node
@@ -234,7 +216,7 @@ def play_episode(packed: list[Any], asked: Mapping[str, str], spec: EpisodeSpec)
     try:
         if reference not in _runners:
             _close_runners()
-            _runners[reference] = EpisodeRunner(map_checkpoints(ray.get(reference), unpack))
+            _runners[reference] = EpisodeRunner(ray.get(reference))
         return _runners[reference].run(spec)
     except OutOfMemoryError as error:
         raise OutOfMemoryError(f"episode {spec.key}: {error} (on node {node})") from error

@@ -129,23 +129,6 @@ SCOPES_FROM_ABI = 6
 LOG_OFF_FROM_ABI = 7
 
 
-class RulesetAttributes(ctypes.Structure):
-    """``struct landlock_ruleset_attr``; older kernels take it where what they lack is 0."""
-
-    _fields_ = (
-        ("handled_access_fs", ctypes.c_uint64),
-        ("handled_access_net", ctypes.c_uint64),
-        ("scoped", ctypes.c_uint64),
-    )
-
-
-class PathBeneath(ctypes.Structure):
-    """``struct landlock_path_beneath_attr``."""
-
-    _pack_ = 1
-    _fields_ = (("allowed_access", ctypes.c_uint64), ("parent_fd", ctypes.c_int32))
-
-
 def supported_abi() -> int:
     """Return the version of Landlock that this kernel has, 0 where there is none."""
     try:
@@ -161,11 +144,10 @@ def make_ruleset(
 ) -> int:
     """Return the descriptor of a ruleset that denies all this kernel can deny, save paths."""
     handled = (1 << max(count for since, count in FILE_RIGHTS if abi >= since)) - 1
-    attributes = RulesetAttributes(
-        handled, NET_TCP if abi >= NET_FROM_ABI else 0, SCOPES if abi >= SCOPES_FROM_ABI else 0
-    )
-    size = ctypes.sizeof(attributes)
-    ruleset = system_call(CREATE_RULESET, ctypes.byref(attributes), size, 0)
+    net, scopes = NET_TCP * (abi >= NET_FROM_ABI), SCOPES * (abi >= SCOPES_FROM_ABI)
+    # struct landlock_ruleset_attr; older kernels take it where what they lack is 0.
+    attributes = struct.pack("=QQQ", handled, net, scopes)
+    ruleset = system_call(CREATE_RULESET, attributes, len(attributes), 0)
     for path in readable:
         _allow(ruleset, path, READ_FILE | READ_DIR)
     for path in listable:
@@ -188,8 +170,8 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
         try:
             if not os.path.isdir(path):
                 rights &= ~READ_DIR
-            rule = PathBeneath(rights, parent)
-            system_call(ADD_RULE, ruleset, RULE_PATH_BENEATH, ctypes.byref(rule), 0)
+            rule = struct.pack("=Qi", rights, parent)  # struct landlock_path_beneath_attr
+            system_call(ADD_RULE, ruleset, RULE_PATH_BENEATH, rule, 0)
         finally:
             os.close(parent)
 
@@ -261,12 +243,6 @@ GRANTED: list[Instruction] = [(RETURN, 0, 0, ALLOW)]
 DENIED: list[Instruction] = [(RETURN, 0, 0, ERRNO | errno.EPERM)]
 
 
-class Program(ctypes.Structure):
-    """``struct sock_fprog``."""
-
-    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
-
-
 def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
     """Return the filter for a process."""
     column = ARCHITECTURES.index(machine)
@@ -291,8 +267,9 @@ def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
 def install_filter(program: Iterable[Instruction]) -> None:
     """Put this thread, and all it starts, under a filter for good."""
     code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
-    header = Program(len(code) // 8, code)
-    prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.byref(header))
+    kept = ctypes.create_string_buffer(code)
+    header = struct.pack("HP", len(code) // 8, ctypes.addressof(kept))  # struct sock_fprog
+    prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, header)
 
 
 def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:

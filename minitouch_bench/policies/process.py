@@ -22,6 +22,7 @@ from minitouch_bench.policies.forkserver import seed_everything
 from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
     SANDBOXED,
+    TOUCH_SHAPE,
     Isolation,
     IsolationOptions,
     Observation,
@@ -91,7 +92,7 @@ class PolicyProcess:
         self.target, self._size = part.target, action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
-        self._start(wire.StartOrder(part, task, seed))
+        self._start(part, wire.StartOrder(replace(part, content=b""), task, seed))
         limit_s = self._limits.load_timeout_s
         deadline = wire.CLOCK.now() + limit_s
         self._await_confined(deadline)
@@ -144,14 +145,14 @@ class PolicyProcess:
             self._channel.close()
             self._channel = None
 
-    def _start(self, order: wire.StartOrder) -> None:
+    def _start(self, part: PolicySource, order: wire.StartOrder) -> None:
         """Have a child forked; a host that has ended is replaced, once."""
-        setup = self._setup_for(order.source)
+        setup = self._setup_for(part)
         if self._host is not None and self._host.setup != setup:
             self._drop_host()
         for _ in range(2):
             try:
-                files = self._open_file(order.source)
+                files = self._open_file(part)
                 self._host = self._host or HostConnection(setup)
                 channel = self._channel = EpisodeChannel()
             except OSError as error:  # too many files are open, or there is no memory or disk
@@ -183,7 +184,7 @@ class PolicyProcess:
         if not FORMATS[part.kind].suffixes:
             return ()
         if part.digest not in self._files:
-            content = read_again(part.target, part.digest)
+            content = part.content or read_again(part.target, part.digest)
             file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as episodes need it
             file.write(content)
             file.flush()
@@ -317,7 +318,8 @@ class InProcessPolicy:
         self.target, self._size = part.target, action_size(task)
         check_permitted(part, Isolation.NONE, trust=self._trust)
         if FORMATS[part.kind].suffixes:
-            part = replace(part, content=read_again(part.target, part.digest))
+            content = part.content or read_again(part.target, part.digest)
+            part = replace(part, content=content)
         seed_everything(seed)
         self._policy = load_policy(part)
         self.warning = warning_of(self._policy)
@@ -388,7 +390,7 @@ def try_policy(
     """
     if source.kind == "scripted":
         return ()
-    warnings = []
+    warnings, felt = [], {**zero_observation(), "touch": np.ones(TOUCH_SHAPE, np.float32)}
     with _kept_generators(), contextlib.closing(isolate(source, options)) as policy:
         for task in tasks if source.parts else tasks[:1]:
             try:
@@ -397,9 +399,9 @@ def try_policy(
                 text = f"{policy.target} cannot be reset: {fault}"
                 raise errors.PolicyLoadError(text) from fault
             with contextlib.suppress(errors.PolicyFaultError):
-                policy.act(zero_observation())
-            if policy.warning:
-                warnings.append(f"{policy.target}: {policy.warning}")
+                first, second = (policy.act(felt) for _ in range(2))
+                if policy.warning and np.array_equal(first, second):  # it remembers nothing
+                    warnings.append(f"{policy.target}: {policy.warning}")
     return tuple(warnings)
 
 

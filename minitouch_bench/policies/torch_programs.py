@@ -37,9 +37,6 @@ TORCH_ERRORS = (RuntimeError, torch.jit.Error)
 RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
 """Names of torch's recurrent modules, which a saved module keeps."""
 
-VIEWS = ("aten::select", "aten::slice", "aten::view", "aten::reshape", "aten::narrow")
-"""Operations that return a part of the tensor that they are given, not a copy."""
-
 
 class ModulePolicy:
     """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``.
@@ -138,22 +135,20 @@ def _last_line(error: Exception) -> str:
 
 
 # What a module could remember with: a recurrent layer, or a tensor of zeros, as a hidden state
-# begins with. Nothing is said of one whose ``forward`` writes to a buffer or an attribute.
+# begins with. The trial of a policy finds out whether it does.
 
 
 def find_program_memory(program: Any) -> str:
-    """Name what a program of ``torch.export`` could remember with and does not, "" for nothing."""
+    """Name what a program of ``torch.export`` could remember with, "" for nothing."""
     stacks = (str(node.meta.get("nn_module_stack")) for node in program.graph.nodes)
     layers = (match[1] for match in map(RECURRENT_CLASS.search, stacks) if match)
-    found = _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
-    return "" if _writes_a_buffer(program) else found
+    return _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
 
 
 def find_script_memory(module: Any) -> str:
-    """Name what a TorchScript module could remember with and does not, "" for nothing."""
+    """Name what a TorchScript module could remember with, "" for nothing."""
     layers = (part.original_name for part in module.modules() if part.original_name in RECURRENT)
-    found = _first_memory(layers, dict(module.named_buffers()))
-    return "" if any(map(_writes, _nodes(module.inlined_graph))) else found
+    return _first_memory(layers, dict(module.named_buffers()))
 
 
 def _first_memory(layers: Iterator[str], tensors: Mapping[str, Any]) -> str:
@@ -165,33 +160,3 @@ def _first_memory(layers: Iterator[str], tensors: Mapping[str, Any]) -> str:
         if is_tensor and not (value.any() or name.endswith("running_mean")):
             return f"a tensor of zeros ('{name}')"
     return ""
-
-
-def _writes_a_buffer(program: Any) -> bool:
-    signature = program.graph_signature
-    for node in program.graph.nodes:
-        if not getattr(getattr(node.target, "_schema", None), "is_mutable", False):
-            continue
-        changed = node.args[0]
-        while getattr(changed.target, "is_view", False):
-            changed = changed.args[0]
-        if changed.name in signature.inputs_to_buffers:
-            return True
-    return bool(signature.buffers_to_mutate)
-
-
-def _nodes(block: Any) -> Iterator[Any]:
-    for node in block.nodes():
-        yield node
-        for inner in node.blocks():
-            yield from _nodes(inner)
-
-
-def _writes(node: Any) -> bool:
-    """Tell whether a node of a graph changes an attribute of its module."""
-    if not node.kind().endswith("_"):
-        return bool(node.kind() == "prim::SetAttr")
-    changed = next(node.inputs()).node()
-    while changed.kind() in VIEWS:
-        changed = next(changed.inputs()).node()
-    return bool(changed.kind() == "prim::GetAttr")

@@ -76,15 +76,19 @@ class TabletopSpec(TaskSpec):
 class PushingSpec(TabletopSpec):
     """Pushing: the polar draws of cube and end effector, and success; m."""
 
-    target_margin: float
-    cube_distance: tuple[float, float] = field(metadata={"key": ("nearest", "furthest")})
+    target_margin: float = 0.025  # D: half the cube
+    cube_distance: tuple[float, float] = field(
+        default=(0.10, 0.20), metadata={"key": ("nearest", "furthest")}
+    )
     """Least and greatest distance of the cube from its target."""
-    hand_distance: tuple[float, float] = field(metadata={"frozen": (0.10, 0.20)})
+    hand_distance: tuple[float, float] = field(
+        default=(0.10, 0.20), metadata={"frozen": (0.10, 0.20)}
+    )
     """Least and greatest distance of the end effector's start from the cube."""
-    push_clearance: float = field(metadata={"key": "behind"})
+    push_clearance: float = field(default=0.07, metadata={"key": "behind"})
     """The position this far behind the object, seen from the target, is in the workspace."""
-    start_height: float
-    success_distance: float
+    start_height: float = 0.02  # D
+    success_distance: float = 0.07  # T
 
 
 @dataclass(frozen=True)
@@ -119,17 +123,17 @@ class CabinetSpec:
 class OpeningSpec(TaskSpec):
     """Opening: the cabinet, the ranges of its front's x and its middle's y (m), and success."""
 
-    cabinet: CabinetSpec
-    front: tuple[float, float]
-    middle: tuple[float, float]
-    success_angle: float
+    cabinet: CabinetSpec = CabinetSpec()
+    front: tuple[float, float] = (0.70, 0.705)  # D
+    middle: tuple[float, float] = (-0.08, 0.14)  # D
+    success_angle: float = math.radians(30.0)  # T
 
 
 @dataclass(frozen=True, kw_only=True)
 class PickUpSpec(TabletopSpec):
     """Pick-up: ``lift`` is the height over the table of the object's lowest point (m)."""
 
-    lift: float
+    lift: float = 0.05  # T
 
 
 PLAYING = TabletopSpec(
@@ -155,12 +159,6 @@ PUSHING = PushingSpec(
     arm=POINTING_DOWN,
     object_can_leave=True,  # T
     cube=CubeSpec(side=0.05, mass=50.0),  # R
-    target_margin=0.025,  # D: half the cube
-    cube_distance=(0.10, 0.20),  # T
-    hand_distance=(0.10, 0.20),  # T: "in the same way"
-    push_clearance=0.07,  # D
-    start_height=0.02,  # D
-    success_distance=0.07,  # T
 )
 
 OPENING = OpeningSpec(
@@ -177,10 +175,6 @@ OPENING = OpeningSpec(
     arm=FACING_DOOR,
     default_objects="",
     shadows=False,  # the camera stands where the light does
-    cabinet=CabinetSpec(),
-    front=(0.70, 0.705),  # D
-    middle=(-0.08, 0.14),  # D
-    success_angle=math.radians(30.0),  # T
 )
 
 PICK_UP = PickUpSpec(
@@ -202,7 +196,6 @@ PICK_UP = PickUpSpec(
     object_can_leave=True,  # T
     clearance=0.09,  # D: the shapes are wide, and the fingers open at the first step
     cube=CubeSpec(side=0.045, mass=0.2),  # D
-    lift=0.05,  # T
 )
 
 TASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
@@ -221,56 +214,9 @@ SUITE_SPECS = (
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
     seeds=2,
-    physics=PhysicsSpec(
-        simulator="pybullet 3.2.7",  # D
-        tick_rate=240,  # R
-        gravity=-9.8,  # R
-        table_top=-0.025,  # R
-        table_center=(0.5, 0.0),  # R
-        table_half_extents=(1.0, 1.0, 0.05),  # D
-        table_friction=1.0,  # R
-        finger_stiffness=300_000.0,  # R
-        finger_damping=1_000.0,  # R
-        arm_meshes="2f84a5ff1b24791f",
-    ),
-    control=ControlSpec(
-        reach=0.06,  # R
-        finger_reach=0.075,  # R
-        finger_open=0.04,  # R
-        yaw_reach=0.3,  # R
-        max_yaw=math.pi / 4,  # R
-        yaw_backtrack=0.05,  # D
-        tolerance=1e-4,  # R
-        max_ticks=100,  # R
-        arm_force=500.0,  # R
-        gripper_start=1.0,  # R: open
-        gripper_threshold=0.5,  # D
-        ik_damping=1e-3,  # D
-        ik_iterations=20,  # D
-        ik_residual=1e-6,  # D
-        ik_projections=10,  # D
-        ik_limit_margin=0.02,  # D
-    ),
-    observation=ObservationSpec(
-        image_size=84,  # T
-        grey_weights=(2989, 5870, 1140),  # R
-        touch_size=11,  # T
-        position_limit=2.0,  # D
-        table_color=(0.85, 0.73, 0.58, 1.0),  # D
-        object_color=(0.30, 0.12, 0.10, 1.0),  # D
-        target_color=(0.48, 0.48, 0.48, 1.0),  # T: gray
-        arm_color=(0.93, 0.93, 0.95, 1.0),  # D
-        hand_color=(0.30, 0.32, 0.36, 1.0),  # D
-        cabinet_color=(0.30, 0.31, 0.33, 1.0),  # D
-        door_color=(0.40, 0.38, 0.36, 1.0),  # D
-        handle_color=(0.92, 0.92, 0.92, 1.0),  # D
-        hand_drawn_width=0.4,  # D
-        shadow_light=0.75,  # D
-        hand_shadow_radius=0.035,  # D
-        object_shadow_radius=0.025,  # D
-        least_visible_pixels=15,  # D
-        max_draws=50,  # D
-    ),
+    physics=PhysicsSpec(),
+    control=ControlSpec(),
+    observation=ObservationSpec(),
     shapes="975ccc9ddde05b4519a40f17a4b56ae0a3109eb5e3d9b57893312bdb06c26ea8",
     tasks=TASK_SPECS,
     suites=SUITE_SPECS,

@@ -1,16 +1,20 @@
 """The types of the protocol: everything that fixes an episode, as frozen values; valid actions.
 
-``protocol.minitouch`` contains the values. Simulation and tasks receive them; no other file
-contains a number of the protocol. A digest is taken over a value's document, whose keys are the
-fields' names, or ``metadata["key"]`` where a field was renamed: names in code may change without
-changing a digest. A tuple can have one key for each of its items. A field that was added later
-is in the document where it differs from ``metadata["frozen"]``, which earlier code implied.
+Values that tasks share are their defaults; ``protocol.minitouch`` has those of each task and suite,
+and says what the letters T, R and D mean. Simulation and tasks receive them; no other file contains
+a number of the protocol.
+
+A digest is taken over a value's document, whose keys are the fields' names, or ``metadata["key"]``
+where a field was renamed: names in code may change without changing a digest. A tuple can have one
+key for each of its items. A field that was added later is in the document where it differs from
+``metadata["frozen"]``, which earlier code implied.
 ``undigested`` marks fields that no episode depends on.
 """
 
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -67,16 +71,16 @@ class CameraSpec:
 class PhysicsSpec:
     """The simulated world that all tasks share; SI units."""
 
-    simulator: str
-    tick_rate: int
-    gravity: float
-    table_top: float
-    table_center: tuple[float, float]
-    table_half_extents: tuple[float, float, float]
-    table_friction: float
-    finger_stiffness: float
-    finger_damping: float
-    arm_meshes: str
+    simulator: str = "pybullet 3.2.7"  # D
+    tick_rate: int = 240  # R
+    gravity: float = -9.8  # R
+    table_top: float = -0.025  # R
+    table_center: tuple[float, float] = (0.5, 0.0)  # R
+    table_half_extents: tuple[float, float, float] = (1.0, 1.0, 0.05)  # D
+    table_friction: float = 1.0  # R
+    finger_stiffness: float = 300_000.0  # R
+    finger_damping: float = 1_000.0  # R
+    arm_meshes: str = "2f84a5ff1b24791f"
     """Digest of the arm's mesh files."""
 
 
@@ -84,32 +88,32 @@ class PhysicsSpec:
 class ControlSpec:
     """How one control step moves the arm; m, rad, N, N·m."""
 
-    reach: float
+    reach: float = 0.06  # R
     """Offset of the end effector per unit of action."""
-    finger_reach: float
+    finger_reach: float = 0.075  # R
     """Change of each finger's target per unit of action."""
-    finger_open: float
+    finger_open: float = 0.04  # R
     """Upper end of a finger joint."""
-    yaw_reach: float
+    yaw_reach: float = 0.3  # R
     """Change of the gripper's yaw per unit of action."""
-    max_yaw: float
-    yaw_backtrack: float
+    max_yaw: float = math.pi / 4  # R
+    yaw_backtrack: float = 0.05  # D
     """Step in which the yaw is lowered where the wrist meets its limits."""
-    tolerance: float
+    tolerance: float = 1e-4  # R
     """A control step ends when the end effector is this close to its target."""
-    max_ticks: int
+    max_ticks: int = 100  # R
     """A control step ends after this many ticks in any case."""
-    arm_force: float
-    gripper_start: float
+    arm_force: float = 500.0  # R
+    gripper_start: float = 1.0  # R: open
     """Where the inner opening of a discrete gripper starts, 0 to 1."""
-    gripper_threshold: float
+    gripper_threshold: float = 0.5  # D
     """A discrete gripper closes below this opening, else it opens."""
-    ik_damping: float
-    ik_iterations: int
-    ik_residual: float
-    ik_projections: int
+    ik_damping: float = 1e-3  # D
+    ik_iterations: int = 20  # D
+    ik_residual: float = 1e-6  # D
+    ik_projections: int = 10  # D
     """How often a solution beyond the joints' limits is moved inside and solved again."""
-    ik_limit_margin: float
+    ik_limit_margin: float = 0.02  # D
     """How far inside its limit a joint is moved then."""
 
 
@@ -117,30 +121,30 @@ class ControlSpec:
 class ObservationSpec:
     """What a policy sees and feels."""
 
-    image_size: int
+    image_size: int = 84  # T
     """Width and height in pixels."""
-    grey_weights: tuple[int, ...]
+    grey_weights: tuple[int, ...] = (2989, 5870, 1140)  # R
     """Ten-thousandths of red, green and blue."""
-    touch_size: int
-    position_limit: float
+    touch_size: int = 11  # T
+    position_limit: float = 2.0  # D
     """Bound of the end effector's position (m)."""
-    table_color: Rgba
-    object_color: Rgba
-    target_color: Rgba
-    arm_color: Rgba
-    hand_color: Rgba
-    cabinet_color: Rgba
-    door_color: Rgba
-    handle_color: Rgba
-    hand_drawn_width: float
+    table_color: Rgba = (0.85, 0.73, 0.58, 1.0)  # D
+    object_color: Rgba = (0.30, 0.12, 0.10, 1.0)  # D
+    target_color: Rgba = (0.48, 0.48, 0.48, 1.0)  # T: gray
+    arm_color: Rgba = (0.93, 0.93, 0.95, 1.0)  # D
+    hand_color: Rgba = (0.30, 0.32, 0.36, 1.0)  # D
+    cabinet_color: Rgba = (0.30, 0.31, 0.33, 1.0)  # D
+    door_color: Rgba = (0.40, 0.38, 0.36, 1.0)  # D
+    handle_color: Rgba = (0.92, 0.92, 0.92, 1.0)  # D
+    hand_drawn_width: float = 0.4  # D
     """Share of the hand's width that is drawn: whole, it would hide the fingers."""
-    shadow_light: float
+    shadow_light: float = 0.75  # D
     """Share of the light that is left in a shadow."""
-    hand_shadow_radius: float
-    object_shadow_radius: float
-    least_visible_pixels: int
+    hand_shadow_radius: float = 0.035  # D
+    object_shadow_radius: float = 0.025  # D
+    least_visible_pixels: int = 15  # D
     """What a task needs shows at least this many pixels when an episode begins."""
-    max_draws: int
+    max_draws: int = 50  # D
     """How often a scene that hides it is drawn, at most."""
 
     position = slice(0, 3)

@@ -6,7 +6,6 @@ from typing import Any, NoReturn
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
@@ -99,7 +98,6 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._kinematics = PandaKinematics(spec.arm.posture)
         self._camera = GrayCamera(spec.camera)
         self._renderer: HumanRenderer | None = None
-        self._is_reset = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -131,7 +129,6 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             )
         self._watch = ContactWatch(client, self.arm.body, task.target_body, task.target_links)
         self._steps = 0
-        self._is_reset = True
         if self._renderer is not None:
             self._renderer.forget()
         return self._observe(), self._info(np.zeros(task.spec.action_size, np.float32))
@@ -142,9 +139,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         Raises:
             InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
                 which matters because one NaN would spoil it for good.
-            ResetNeeded: there was no reset.
         """
-        self._require_reset("step")
         given = fit_action(action, self.task.spec.action_size)
         applied = np.clip(given, -1.0, 1.0)
         workspace, watch = self.task.spec.workspace, self._watch
@@ -164,12 +159,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return None if self.render_mode is None else self.picture()
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return a picture of the scene for people, uint8 (height, width, 3).
-
-        Raises:
-            ResetNeeded: there was no reset.
-        """
-        self._require_reset("render")
+        """Return a picture of the scene for people, uint8 (height, width, 3)."""
         if self._renderer is None:
             self._renderer = HumanRenderer(*self._size)
         return self._renderer.picture(self.task, self.client)
@@ -218,10 +208,6 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
                 raise UsageError(f"{self.task.spec.name} has no object to choose")
             return None
         return self._pool.model(name) if name else self._pool.draw(self.np_random)
-
-    def _require_reset(self, called: str) -> None:
-        if not self._is_reset:
-            raise ResetNeeded(f"call reset() before {called}()")
 
     def _observe(self) -> Observation:
         return {

@@ -243,7 +243,6 @@ def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
         run_training(CONFIG, tmp_path / "run", device="cpu")
     reason, advice = str(full.value).splitlines()
     assert "No space left on device" in reason
-    assert advice.startswith(f"The checkpoint of step {kept}" if kept else "There is no checkpoint")
     assert "--resume" in advice
     assert (tmp_path / "run" / "checkpoint.pt").exists() == bool(kept)
     monkeypatch.undo()

@@ -21,7 +21,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import open_engine
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.ray_engine import map_checkpoints, pack, unpack
+from minitouch_bench.evaluation.ray_engine import pack
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.formats import KIND_BY_SUFFIX
 from minitouch_bench.policies.networks import TouchActor
@@ -97,29 +97,19 @@ def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_pat
     assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
 
 
-@pytest.fixture
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path, cache):
+def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path):
     contents = {"mine/pushing.pt": b"one", "mine/opening.onnx": b"two", "early.zip": b"three"}
     for name, content in contents.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     sources = [parse_source(str(tmp_path / name)) for name in ("mine", "early.zip")]
     setup = PolicySetup(make_plan("smoke"), *sources)
-    packed = map_checkpoints(setup, pack)
-    for name in contents:
-        (tmp_path / name).unlink()
-    there = map_checkpoints(packed, unpack)
+    there = pack(setup)
     assert there.policy.digest == setup.policy.digest
     found = [there.policy.for_task("pushing"), there.policy.for_task("opening"), there.exploration]
     for source, (name, content) in zip(found, contents.items(), strict=True):
         assert source.kind == KIND_BY_SUFFIX[Path(name).suffix]
-        assert Path(source.target).parent == cache
-        assert Path(source.target).read_bytes() == content
+        assert source.content == content
 
 
 @pytest.mark.parametrize("content", [b"other weights", None])
@@ -132,7 +122,7 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
     else:
         file.write_bytes(content)
     with pytest.raises(CheckpointChangedError):
-        map_checkpoints(setup, pack)
+        pack(setup)
 
 
 @pytest.mark.slow
