@@ -24,6 +24,7 @@
         └── UnreadableFileError         a file of it cannot be read as one
 """
 
+import os.path
 import re
 import unicodedata
 
@@ -175,11 +176,37 @@ def plain_line(text: str, longest: int = MAX_TEXT) -> str:
     return line if len(line) <= longest else line[: longest - 1] + "…"
 
 
+NO_OWN_FILE = re.compile(
+    "<|.*/(site|dist)-packages/|"
+    + "|".join(re.escape(f"{os.path.dirname(file)}/") for file in (os.__file__, __file__))
+)
+"""How the file of code begins that no policy brings: none, an installed one, Python's or ours."""
+
+
 def describe(error: BaseException) -> str:
-    """Return an exception as ``Type: message``, in one plain line."""
+    """Return an exception as ``Type: message (file:line in function)``, in one plain line.
+
+    The place is the innermost line of a policy's own code, if it was raised in such code.
+    """
     try:
         message = str(error)
     except Exception:  # an exception of the policy's own can fail here too
         message = ""
-    name = type(error).__name__
-    return plain_line(f"{name}: {message}" if message else name)
+    name, place = type(error).__name__, own_place(error)
+    return plain_line(f"{name}: {message}" if message else name, MAX_TEXT - len(place)) + place
+
+
+def own_place(error: BaseException) -> str:
+    """Return `` (file:line in function)``, the file without its folder, or "".
+
+    Read as Python keeps it, past what an exception's class or a subclass of str defines.
+    """
+    place, step = "", BaseException.__dict__["__traceback__"].__get__(error)
+    while step is not None:
+        code = step.tb_frame.f_code
+        file, function = map(str.__str__, (code.co_filename, code.co_name))
+        if not NO_OWN_FILE.match(file):
+            line = f"{os.path.basename(file)}:{step.tb_lineno} in {function}"
+            place = f" ({plain_line(line, MAX_TEXT // 2)})"
+        step = step.tb_next
+    return place

@@ -11,7 +11,13 @@ import torch
 from numpy.typing import NDArray
 from torch.utils._pytree import tree_structure
 
-from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError, describe, plain_line
+from minitouch_bench.errors import (
+    PolicyLoadError,
+    PolicyRaisedError,
+    describe,
+    own_place,
+    plain_line,
+)
 from minitouch_bench.policies.native import as_array, to_tensors
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
@@ -63,7 +69,7 @@ class ModulePolicy:
             try:
                 return as_array(self._module(*to_tensors(observation)))
             except TORCH_ERRORS as error:  # whose message begins with the whole source
-                raise PolicyRaisedError(_last_line(error)) from error
+                raise PolicyRaisedError(_last_line(error) + own_place(error)) from error
 
 
 def load_exported(source: PolicySource) -> ModulePolicy:

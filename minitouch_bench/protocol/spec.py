@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.errors import InvalidActionError, UsageError, describe
 
 Rgba = tuple[float, float, float, float]
 
@@ -337,7 +337,12 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     try:
         action = np.asarray(raw)
     except Exception as error:
-        raise InvalidActionError("the action is not an array of numbers") from error
+        what = "not an array of numbers"
+        if type(raw) is tuple:  # as Stable-Baselines3's predict returns
+            what = "in a tuple: return the action alone"
+        elif "requires grad" in describe(error):
+            what = "a tensor that requires grad: use torch.no_grad() or .detach()"
+        raise InvalidActionError(f"the action is {what}") from error
     if action.dtype.kind != "f" or action.dtype.itemsize not in FLOAT_BYTES:
         raise InvalidActionError(f"the action is of type {action.dtype}, not floats")
     if action.ndim == 2 and action.shape[0] == 1:

@@ -1,4 +1,15 @@
-from minitouch_bench.policies.policy import load_policy
+import contextlib
+import importlib
+import os
+import sys
+
+import pytest
+import torch
+
+from minitouch_bench.errors import PolicyFaultError, PolicyRaisedError
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, load_policy
+from minitouch_bench.policies.process import isolate
+from minitouch_bench.policies.python_objects import keep_in_memory, load_object
 from minitouch_bench.policies.sources import parse_source
 
 
@@ -9,3 +20,62 @@ def test_random_actions_come_from_the_seed(observation):
         policy.reset(seed, "pushing")
         drawn.append(policy.act(observation).tolist())
     assert drawn[0] == drawn[1] != drawn[2]
+
+
+BUGS = """
+import json
+import torch
+
+def read(text):
+    return json.loads(text)
+
+class Bugs:
+    def reset(self, seed, task):
+        self.seed = seed
+
+    def act(self, observation):
+        if self.seed == 0:
+            return observation["object_state"]
+        if self.seed == 1:
+            return read("")
+        actions = torch.zeros(1, 4, requires_grad=True)
+        return actions if self.seed == 2 else (actions.detach().numpy(), None)
+"""
+FAULTS = [
+    "the policy said: KeyError: 'object_state' (bugs.py:14 in act)",
+    "the policy said: JSONDecodeError: Expecting value: line 1 column 1 (char 0) "
+    "(bugs.py:6 in read)",
+    "the action is a tensor that requires grad: use torch.no_grad() or .detach()",
+    "the action is in a tuple: return the action alone",
+]
+
+
+def test_a_fault_names_the_line_of_the_policy_at_every_level(tmp_path, monkeypatch, observation):
+    (tmp_path / "bugs.py").write_text(BUGS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.syspath_prepend(tmp_path)
+    factory = parse_source("bugs:Bugs", trust=True)
+    in_memory = keep_in_memory(importlib.import_module("bugs").Bugs())
+    monkeypatch.delitem(sys.modules, "bugs")
+    cases = [(factory, Isolation.SANDBOX), (factory, Isolation.NONE), (in_memory, Isolation.NONE)]
+    for source, level in cases:
+        said = []
+        with contextlib.closing(isolate(source, IsolationOptions(level, trust=True))) as policy:
+            for seed in range(len(FAULTS)):
+                policy.reset(seed, "pushing")
+                with pytest.raises(PolicyFaultError) as caught:
+                    policy.act(observation)
+                said.append(str(caught.value))
+        assert said == FAULTS
+
+
+class Narrow(torch.nn.Module):
+    def forward(self, image, touch):
+        return touch @ torch.zeros(12, 4)
+
+
+def test_a_fault_names_the_line_of_a_module_in_memory(observation):
+    policy = load_object(keep_in_memory(Narrow()))
+    place = r"multiplied .* \(test_python_objects\.py:\d+ in forward\)$"
+    with pytest.raises(PolicyRaisedError, match=place):
+        policy.act(observation)

@@ -40,6 +40,30 @@ def test_an_exception_that_cannot_speak_is_still_named():
     assert describe(ValueError()) == "ValueError"
 
 
+def test_the_line_of_an_exception_is_read_past_its_class_and_kept_behind_a_long_text():
+    class LyingError(Exception):
+        @property
+        def __traceback__(self):
+            raise RuntimeError
+
+    class Name(str):
+        __slots__ = ()
+
+        def __format__(self, _):
+            raise RuntimeError
+
+    def fail():
+        raise LyingError("x" * 1000)
+
+    fail.__code__ = fail.__code__.replace(co_filename=Name("/home/me/\x1b[31m" + "y" * 1000))
+    with pytest.raises(LyingError) as caught:
+        fail()
+    text = describe(caught.value)
+    assert text.startswith("LyingError: xxx")
+    assert text.endswith(f"… ({'y' * 99}…)")
+    assert len(text) == 200
+
+
 WAITS = """
 import os, time
 from minitouch_bench.policies.wire import CLOCK, OutputPipe, wait_for
