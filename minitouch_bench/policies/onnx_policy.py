@@ -107,7 +107,8 @@ def check_model(onnx: Any, model: Any) -> None:
         axes = [axis.dim_value or None for axis in tensor_type.shape.dim]
         if tensor_type.elem_type != types[name] or not fits_shape(axes, shape):
             wanted = "uint8" if name == "image" else "float32"
-            raise PolicyLoadError(f"input '{name}' is not {wanted} {shape}")
+            found = f"{onnx.TensorProto.DataType.Name(tensor_type.elem_type).lower()} {tuple(axes)}"
+            raise PolicyLoadError(f"input '{name}' is {found}, not {wanted} {shape}")
     outputs = [value.name for value in model.graph.output]
     if OUTPUT not in outputs:
         raise PolicyLoadError(f"it has outputs {outputs}, not ['action']")

@@ -191,12 +191,19 @@ def describe_runs(
 
 
 def run_names(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Name each run by its policy, then by the run, then by a number, until the names differ."""
-    policies = Counter(run.header.policy.name for run in runs)
-    names = []
-    for run in runs:
-        policy = run.header.policy.name
-        names.append(printable(policy if policies[policy] == 1 else f"{policy} ({run.name})"))
+    """Name each run by its policy until the names differ.
+
+    Equal names are followed by what differs from the suite, then by the run's own name, then by a
+    number.
+    """
+    policies = names = [printable(run.header.policy.name) for run in runs]
+    differences = [", ".join(run.plan.differences()) for run in runs]
+    for details in (differences, [run.name for run in runs]):
+        counts = Counter(names)
+        names = [
+            f"{policy} ({printable(detail)})" if detail and counts[name] > 1 else name
+            for name, policy, detail in zip(names, policies, details, strict=True)
+        ]
     counts = Counter(names)
     return tuple(
         name if counts[name] == 1 else f"{name} #{1 + names[:index].count(name)}"

@@ -156,4 +156,4 @@ def test_onnx_files_of_another_form_are_refused():
     refused("onnx", b"plain text", "not an ONNX file")
     refused("onnx", onnx_bytes(inputs=("state", "touch")), r"inputs \['state', 'touch'\]")
     refused("onnx", onnx_bytes(output="mean"), r"outputs \['mean'\]")
-    refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), "'image' is not uint8")
+    refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), r"is uint8 \(1, 3, 84, 84\), not uint8")

@@ -4,6 +4,7 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.metrics.intervals import Estimate
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,
@@ -46,6 +47,10 @@ def test_runs_of_one_policy_are_told_apart(hac):
     assert run_names([hac, again]) == ("hac-seed1 (hac-seed1)", "hac-seed1 (second)")
     assert run_names([hac, hac])[1] == "hac-seed1 (hac-seed1) #2"
     assert run_names([hac]) == ("hac-seed1",)
+    plan = replace(hac.plan, episodes=100)
+    blind = replace(plan, conditions=Perturbation(without=("vision",)))
+    usual, changed = (replace(hac, header=replace(hac.header, plan=one)) for one in (plan, blind))
+    assert run_names([usual, changed]) == ("hac-seed1", "hac-seed1 (without vision)")
 
 
 def test_a_policy_whose_actions_are_mostly_clipped_is_said_to_be_one(scripted):
