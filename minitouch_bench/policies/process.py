@@ -318,8 +318,7 @@ class InProcessPolicy:
         self.target, self._size = part.target, action_size(task)
         check_permitted(part, Isolation.NONE, trust=self._trust)
         if FORMATS[part.kind].suffixes:
-            content = part.content or read_again(part.target, part.digest)
-            part = replace(part, content=content)
+            part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
         self._policy = load_policy(part)
         self.warning = warning_of(self._policy)
@@ -396,11 +395,10 @@ def try_policy(
             try:
                 policy.reset(0, task)
             except errors.PolicyFaultError as fault:
-                text = f"{policy.target} cannot be reset: {fault}"
-                raise errors.PolicyLoadError(text) from fault
+                raise errors.PolicyLoadError(f"{policy.target} cannot be reset: {fault}") from fault
             with contextlib.suppress(errors.PolicyFaultError):
-                first, second = (policy.act(felt) for _ in range(2))
-                if policy.warning and np.array_equal(first, second):  # it remembers nothing
+                policy.act(zero_observation())
+                if policy.warning and np.array_equal(policy.act(felt), policy.act(felt)):
                     warnings.append(f"{policy.target}: {policy.warning}")
     return tuple(warnings)
 
