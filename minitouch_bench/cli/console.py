@@ -156,7 +156,7 @@ def episode_progress(
             success = record.outcome is Outcome.SUCCESS
             tally.setdefault(record.spec.task, []).append(success)
         shown = [f"{task} {sum(won)}/{len(won)}" for task, won in tally.items()]
-        progress.show("  ".join([*shown, f"{faults} faults"] if faults else shown))
+        progress.show("  ".join([*shown, f"policy faults {faults}"] if faults else shown))
 
     try:
         yield Callbacks(note, begin, show)

@@ -172,7 +172,7 @@ def _find_policy(
     elif isinstance(policy, str | Path):
         source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
         if Path(policy).is_dir() and source.target != str(policy):
-            note(f"of {policy} {source.target} is played")
+            note(f"{source.target} is played")
         trained = trained_task(source)
         if trained is not None and {*tasks} != {trained}:
             note(f"{policy} was trained in {trained}: --tasks {trained} leaves out the other tasks")
