@@ -1,8 +1,30 @@
-"""The processes below another one, as /proc shows them."""
+"""Processes of this Python, and those below another one as /proc shows them."""
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+
+def run_python(*arguments: object, code=0, cwd=None, **variables) -> subprocess.CompletedProcess:
+    """Run this Python with these variables too; what it wrote is shown where its exit code differs.
+
+    ``cwd``: its working directory.
+    """
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=cwd, env={**os.environ, **variables},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
+
+
+def git(clone: Path, *words: str) -> str:
+    identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+    command = ["git", "-C", str(clone), *identity, *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def descendants(pid: int) -> set[int]:

@@ -2,10 +2,7 @@
 
 import random
 import re
-import subprocess
-import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -25,8 +22,9 @@ from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
+from tests.altered import ROOT
+from tests.process_tree import run_python
 
-ROOT = Path(__file__).parents[1]
 SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
 """One episode, of the task that is simulated fastest."""
 
@@ -115,17 +113,8 @@ def test_an_object_of_a_script_s_own_class_is_resumed_when_the_script_runs_again
         "                  output='run', resume='resume' in sys.argv)\n"
         "print(run.header.policy.digest)\n"
     )
-    runs = [
-        subprocess.run(
-            [sys.executable, script, *arguments],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        for arguments in ([], ["resume"])
-    ]
-    assert runs[0].stdout == runs[1].stdout
+    first, again = (run_python(script, *more, cwd=tmp_path) for more in ((), ("resume",)))
+    assert first.stdout == again.stdout
 
 
 def test_what_a_run_does_not_have_is_named(counted):
@@ -249,9 +238,7 @@ def test_the_page_for_python_runs_from_top_to_bottom(tmp_path):
     (tmp_path / "page.py").write_text(
         "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
     )
-    command = [sys.executable, "-W", "error", "page.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = run_python("-W", "error", "page.py", cwd=tmp_path)
     assert "Episodes to resolve" in done.stdout
     assert (tmp_path / "reports" / "first" / "report.html").exists()
 

@@ -25,6 +25,7 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
+from tests.process_tree import run_python
 
 HOLD = """
 import sys, time
@@ -178,8 +179,7 @@ def test_a_file_that_cannot_be_written_whole_leaves_the_old_one(tmp_path):
         "try: write_file(Path(sys.argv[1]), bytes(5000))\n"
         "except RunDirectoryError as error: print(error)"
     )
-    command = [sys.executable, "-c", code, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = run_python("-c", code, path)
     assert done.stdout == f"{path} cannot be written: File too large\n"
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["file"]

@@ -1,8 +1,6 @@
 """The house has nine floors: imports go down, and never between rooms of one floor."""
 
 import ast
-import subprocess
-import sys
 from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -10,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import minitouch_bench
+from tests.process_tree import run_python
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 GROUND = {
@@ -104,7 +103,7 @@ def test_only_the_simulation_knows_pybullet():
 def loaded_by(module):
     """Return the top packages that a fresh interpreter holds after one import."""
     code = f"import sys, {module}; print(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = run_python("-c", code)
     assert not done.stderr
     return set(done.stdout.split())
 

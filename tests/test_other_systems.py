@@ -1,11 +1,11 @@
 """A system without what only Linux has, such as macOS; simulated, because none is at hand."""
 
 import json
-import os
-import subprocess
-import sys
+from functools import partial
 
 import pytest
+
+from tests.process_tree import run_python
 
 WITHOUT = """
 import ctypes, os, platform, socket
@@ -37,33 +37,21 @@ def elsewhere(tmp_path):
     (folder / "sitecustomize.py").write_text(WITHOUT)
     (tmp_path / "work").mkdir()
 
-    def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "minitouch_bench", *arguments],
-            cwd=tmp_path / "work",
-            env={**os.environ, "PYTHONPATH": str(folder)},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=280,
-        )
-
-    return run
+    return partial(
+        run_python, "-m", "minitouch_bench", cwd=tmp_path / "work", PYTHONPATH=str(folder)
+    )
 
 
 def test_there_is_no_sandbox_and_the_error_says_so(elsewhere):
-    done = elsewhere("evaluate", "random", "--tasks", "pushing", "--episodes", "1")
-    assert done.returncode == 3
+    done = elsewhere("evaluate", "random", "--tasks", "pushing", "--episodes", "1", code=3)
     assert "no sandbox can be had here: it needs Linux" in done.stderr
     assert "--isolation process" in done.stderr
 
 
 def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp_path):
     episodes = ("evaluate", "random", "--tasks", "pushing", "--episodes", "2", "--workers", "2")
-    done = elsewhere(*episodes, "--isolation", "process", "--output", "run")
-    assert done.returncode == 0, done.stderr
-    here = [sys.executable, "-m", "minitouch_bench", *episodes, "--output", "here"]
-    subprocess.run(here, cwd=tmp_path, check=True, capture_output=True)
+    elsewhere(*episodes, "--isolation", "process", "--output", "run")
+    run_python("-m", "minitouch_bench", *episodes, "--output", "here", cwd=tmp_path)
     found = json.loads((tmp_path / "work" / "run" / "run.json").read_text())
     expected = json.loads((tmp_path / "here" / "run.json").read_text())
     assert found["digest"] == expected["digest"]
@@ -76,10 +64,4 @@ def test_everything_is_imported():
     names = ("api", "commands.train", "verification.doctor")
     imports = "\n".join(f"import minitouch_bench.{name}" for name in names)
     # torch here is a build for Linux, and loads its libraries by the system's name.
-    done = subprocess.run(
-        [sys.executable, "-c", f"import torch\n{WITHOUT}\n{imports}"],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    run_python("-c", f"import torch\n{WITHOUT}\n{imports}")

@@ -31,14 +31,6 @@ def test_what_means_nothing_is_refused(without, changes, says):
         parse_perturbation(without, changes)
 
 
-def test_they_are_written_as_they_are_read():
-    perturbation = parse_perturbation(["forces", "vision"], ["friction=0.1:2", "force-noise=1.5"])
-    without, senses, perturb, changes = perturbation.as_options()
-    assert (without, perturb) == ("--without", "--perturb")
-    assert parse_perturbation(senses.split(","), changes.split(",")) == perturbation
-    assert UNPERTURBED.as_options() == ()
-
-
 def test_an_episodes_world_is_drawn_from_the_ranges():
     rng = np.random.default_rng(0)
     drawn = [Perturbation(mass=(0.5, 2.0)).draw(rng) for _ in range(100)]

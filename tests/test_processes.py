@@ -10,10 +10,7 @@ import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import ARITHMETIC, interrupts_held, run_in_workers
-from tests.process_tree import is_alive, wait_until
-
-UNSET = {name: value for name, value in os.environ.items() if name not in ARITHMETIC}
-"""The environment without them."""
+from tests.process_tree import is_alive, run_python, wait_until
 
 SINES = """
 import hashlib, numpy as np
@@ -25,15 +22,11 @@ print(hashlib.sha256((m @ m).tobytes()).hexdigest())
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="settings of x86-64")
-def test_numpy_heeds_them_without_a_word():
+def test_numpy_heeds_them_without_a_word(monkeypatch):
+    for name in ARITHMETIC:
+        monkeypatch.delenv(name)
     results = [
-        subprocess.run(
-            [sys.executable, "-c", SINES],
-            env={**UNSET, **extra},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        run_python("-c", SINES, **extra)
         for extra in (ARITHMETIC, {**ARITHMETIC, "OPENBLAS_NUM_THREADS": "1"}, {})
     ]
     assert results[0].stderr == ""

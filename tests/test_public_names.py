@@ -1,11 +1,10 @@
 """What users name exists, and goes by one spelling everywhere."""
 
-import subprocess
-import sys
 from importlib.metadata import entry_points
 
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.tasks.task import TASK_CLASSES
+from tests.process_tree import run_python
 
 GYM_IDS = {
     "playing": "MiniTouch/Playing-v1",
@@ -31,8 +30,7 @@ for name in {list(GYM_IDS.values())}:
     print(observation["image"].shape, environment.action_space.shape)
     environment.close()
 """
-    command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = run_python("-W", "error", "-c", code)
     assert done.stdout.splitlines().count("(1, 84, 84) (4,)") == 3
     assert not done.stderr
 

@@ -1,14 +1,11 @@
 """Generated pages of the reference are those of the code; what pages link to exists."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from benchmarks.reference import GENERATORS, PAGES
 from minitouch_bench import errors
-
-ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("name", GENERATORS)

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.altered import ROOT
+from tests.process_tree import run_python
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
-ROOT = Path(__file__).parents[1]
 HELD = (
     "shapes/minitouch-1000/manifest.json",
     "shapes/minitouch-1000/shapes.bin",
@@ -33,23 +35,9 @@ def built(tmp_path_factory):
         folder = Path(given).absolute()
     else:
         folder = tmp_path_factory.mktemp("dist")
-        command = [sys.executable, "-m", "build", "--outdir", str(folder), str(ROOT)]
-        subprocess.run(command, check=True, capture_output=True)
+        run_python("-m", "build", "--outdir", folder, ROOT)
     (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
     return wheel, sdist
-
-
-def fresh_environment(folder):
-    """Return variables under which nothing of this clone and of this user is found."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    for name in ("home", "tmp", "cache"):
-        (folder / name).mkdir(parents=True)
-    return {
-        **kept,
-        "HOME": str(folder / "home"),
-        "TMPDIR": str(folder / "tmp"),
-        "MINITOUCH_CACHE": str(folder / "cache"),
-    }
 
 
 @pytest.fixture(scope="module", params=["pip", "uv"])
@@ -72,9 +60,12 @@ def installed(request, built, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def command(installed, tmp_path_factory):
-    """A function that runs the installed command in an empty directory."""
-    place = tmp_path_factory.mktemp("stranger")
-    environment = fresh_environment(tmp_path_factory.mktemp("user"))
+    """A function that runs the installed command, with nothing of this clone and of this user."""
+    place, folder = tmp_path_factory.mktemp("stranger"), tmp_path_factory.mktemp("user")
+    environment = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    for variable, name in {"HOME": "home", "TMPDIR": "tmp", "MINITOUCH_CACHE": "cache"}.items():
+        (folder / name).mkdir()
+        environment[variable] = str(folder / name)
 
     def run(*arguments):
         done = subprocess.run(
@@ -123,8 +114,7 @@ def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path)
     smoke = ("evaluate", policy, "--suite", "smoke", "--workers", "auto", "--fresh")
     done, place = command(*smoke, "--output", policy)
     assert done.returncode == 0, done.stderr
-    here = [sys.executable, "-m", "minitouch_bench", *smoke, "--output", policy]
-    subprocess.run(here, check=True, cwd=tmp_path, capture_output=True)
+    run_python("-m", "minitouch_bench", *smoke, "--output", policy, cwd=tmp_path)
     documents = [json.loads((at / policy / "run.json").read_text()) for at in (place, tmp_path)]
     assert documents[0]["digest"] == documents[1]["digest"]
     assert documents[0]["episodes"] == documents[1]["episodes"]

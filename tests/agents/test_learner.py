@@ -10,7 +10,6 @@ import torch
 from minitouch_bench import machine
 from minitouch_bench.agents import learner as learners
 from minitouch_bench.agents.config import (
-    CuriosityConfig,
     PhaseConfig,
     SacConfig,
     TrainingConfig,
@@ -28,10 +27,10 @@ from minitouch_bench.simulation.observation import SENSED_TOUCH
 from tests.agents.batches import random_batch
 
 
-def make_learner(*, keypoints, **settings):
+def make_learner(*, keypoints=False, **settings):
     """Return a learner that explores, or one in a task phase that sees keypoints."""
-    phase = PhaseConfig(10, keypoint_updates=5, fitting_updates=2)
-    config = TrainingConfig("pushing", task_phase=phase, **settings)
+    settings = {"task_phase": PhaseConfig(10, keypoint_updates=5, fitting_updates=2), **settings}
+    config = TrainingConfig("pushing", **settings)
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     if keypoints:
         learner.begin_task_phase(filled_replay())
@@ -80,11 +79,8 @@ def filled_replay():
 
 def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
     phase = PhaseConfig(10, target_entropy=5.0, final_target_entropy=-50.0, entropy_steps=10)
-    config = TrainingConfig("pushing", "sac", sac=SacConfig(batch_size=4), task_phase=phase)
-    learner, replay = (
-        Learner(config, PROTOCOL.task("pushing"), torch.device("cpu")),
-        filled_replay(),
-    )
+    learner = make_learner(method="sac", sac=SacConfig(batch_size=4), task_phase=phase)
+    replay = filled_replay()
     first, risen, last = (
         float(learner.update(replay, step)["temperature"]) for step in (0, 10, 10)
     )
@@ -108,11 +104,8 @@ class TouchCounts(Curiosity):
 
 def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
     monkeypatch.setitem(CURIOSITIES, "hac", TouchCounts)
-    config = TrainingConfig("pushing", sac=SacConfig(batch_size=4), curiosity=CuriosityConfig())
+    first, other = (make_learner(sac=SacConfig(batch_size=4)) for _ in range(2))
     replay = filled_replay()
-    first, other = (
-        Learner(config, PROTOCOL.task("pushing"), torch.device("cpu")) for _ in range(2)
-    )
     first.update(replay, 1)
     other.load_state(copy.deepcopy(first.state()))
     losses = [one.update(replay, 2) for one in (first, other)]

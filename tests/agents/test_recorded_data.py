@@ -1,4 +1,5 @@
 import socket
+from dataclasses import replace
 
 import gymnasium
 import h5py
@@ -11,12 +12,13 @@ from minari.dataset.minari_storage import MinariStorage
 
 import minitouch_bench as mt
 from minitouch_bench.agents.checkpoint import CheckpointFiles
-from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
+from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.agents.replay import Replay
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
+from tests.agents.trainings import CONFIG
 
 LENGTHS = (4, 7)
 
@@ -48,19 +50,13 @@ def write_log(path, touch_size=11, dense=False):
     storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
 
 
-def test_the_memory_holds_every_recorded_step(tmp_path):
-    write_log(tmp_path / "log")
+@pytest.mark.parametrize("dense", [False, True])
+def test_the_memory_holds_every_recorded_step_and_success(tmp_path, dense):
+    write_log(tmp_path / "log", dense=dense)
     replay = Replay(100, 11, 4)
     fill_from_dataset(replay, tmp_path / "log", 4)
     assert replay.rows == sum(LENGTHS) + len(LENGTHS)
     assert len(replay.episode_actions()) == LENGTHS[-1]
-
-
-@pytest.mark.parametrize("dense", [False, True])
-def test_a_success_is_what_the_log_calls_one(tmp_path, dense):
-    write_log(tmp_path / "log", dense=dense)
-    replay = Replay(100, 11, 4)
-    fill_from_dataset(replay, tmp_path / "log", 4)
     led = replay.state()["_led_to_success"].nonzero().flatten().tolist()
     assert led == [*range(4), *range(5, 12)]
 
@@ -207,18 +203,9 @@ def test_a_dataset_larger_than_the_memory_is_refused(tmp_path):
 
 def config_with_log(tmp_path, method="hac"):
     write_log(tmp_path / "log")
-    return TrainingConfig(
-        "pushing",
-        method=method,
-        dataset=str(tmp_path / "log"),
-        log_every=5,
-        evaluate_every=0,
-        checkpoint_every=4,
-        exploration=PhaseConfig(8),
-        task_phase=PhaseConfig(5),
-        sac=SacConfig(batch_size=4),
-        curiosity=CuriosityConfig(width=0.25),
-    )
+    phases = {"exploration": PhaseConfig(8), "task_phase": PhaseConfig(5)}
+    how = {"method": method, "dataset": str(tmp_path / "log"), "evaluate_every": 0, **phases}
+    return replace(CONFIG, checkpoint_every=4, **how)
 
 
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):

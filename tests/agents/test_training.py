@@ -1,19 +1,17 @@
 """A training that is broken off and resumed ends in the same bits."""
 
 import csv
-import io
-import pickle
 import shutil
 import struct
-import zipfile
 from dataclasses import replace
 
 import pytest
 from tensorboardX.proto import event_pb2
 
 import minitouch_bench as mt
-from minitouch_bench.agents import METHODS, training
+from minitouch_bench.agents import training
 from minitouch_bench.agents.config import PhaseConfig
+from minitouch_bench.agents.curiosity import CURIOSITIES
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
@@ -63,7 +61,7 @@ class KilledError(Exception):
     """Stands for a kill: nothing is saved on the way out."""
 
 
-def break_off(directory, after, *, kill, resume):
+def break_off(directory, after, *, kill=False, config=CONFIG):
     asked = iter(range(10**6))
 
     def should_stop():
@@ -75,46 +73,36 @@ def break_off(directory, after, *, kill, resume):
 
     watched = TrainingCallbacks(should_stop=should_stop)
     try:
-        assert not run_training(CONFIG, directory, resume=resume, device="cpu", callbacks=watched)
+        assert not run_training(config, directory, resume=True, device="cpu", callbacks=watched)
     except KilledError:
         assert kill
 
 
-@pytest.mark.parametrize("kill", [True, False], ids=["killed", "stopped"])
-def test_resumed_in_both_phases_it_ends_in_the_same_bits(tmp_path, undisturbed, kill):
-    break_off(tmp_path, 17, kill=kill, resume=False)
-    break_off(tmp_path, 24, kill=kill, resume=True)
+# In both phases, or before the first checkpoint.
+@pytest.mark.parametrize(("steps", "kill"), [([17, 24], True), ([17, 24], False), ([6], True)])
+def test_resumed_it_ends_in_the_same_bits(tmp_path, undisturbed, steps, kill):
+    for step in steps:
+        break_off(tmp_path, step, kill=kill)
     assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
     assert outcome(tmp_path) == outcome(undisturbed)
 
 
-def assert_resumed_in_both_phases(config, folder):
-    directories = [folder / name for name in ("quiet", "stopped")]
-    for stops in (14, 24):
-        answers = iter([False] * stops + [True])
-        watched = TrainingCallbacks(should_stop=answers.__next__)
-        stopped = directories[1]
-        assert not run_training(config, stopped, resume=True, device="cpu", callbacks=watched)
-    for directory in directories:
-        assert run_training(config, directory, resume=True, device="cpu")
-    first, second = ((one / TRAINED_FILE).read_bytes() for one in directories)
-    assert first == second
-    if config.method != "sac":  # which has no exploration policy
-        assert outcome(directories[0]) == outcome(directories[1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [name for name in METHODS if name != "sac"])
-def test_every_method_is_resumed_in_both_phases(tmp_path, method):
-    assert_resumed_in_both_phases(replace(CONFIG, method=method, evaluate_every=0), tmp_path)
+SLOW = [pytest.param(method, 3, marks=pytest.mark.slow) for method in CURIOSITIES]
 
 
 # Without keypoints the task phase goes on with the networks of the exploration; sac has one phase.
-@pytest.mark.parametrize(("method", "updates"), [("hac", 0), ("sac", 0), ("sac", 3)])
-def test_it_is_resumed_with_and_without_keypoints(tmp_path, method, updates):
+@pytest.mark.parametrize(("method", "updates"), [("hac", 0), ("sac", 0), ("sac", 3), *SLOW])
+def test_every_method_is_resumed_in_both_phases(tmp_path, method, updates):
     phase = replace(CONFIG.task_phase, keypoint_updates=updates)
     config = replace(CONFIG, method=method, evaluate_every=0, task_phase=phase)
-    assert_resumed_in_both_phases(config, tmp_path)
+    quiet, stopped = (tmp_path / name for name in ("quiet", "stopped"))
+    for step in (14, 24):
+        break_off(stopped, step, config=config)
+    for directory in (quiet, stopped):
+        assert run_training(config, directory, resume=True, device="cpu")
+    assert (quiet / TRAINED_FILE).read_bytes() == (stopped / TRAINED_FILE).read_bytes()
+    if method != "sac":  # which has no exploration policy
+        assert outcome(quiet) == outcome(stopped)
 
 
 @pytest.mark.parametrize(("explored", "trained"), [(30, 10), (30, 0), (20, 0)])
@@ -125,12 +113,6 @@ def test_it_can_be_made_longer(tmp_path, undisturbed, explored, trained):
         task_phase=replace(CONFIG.task_phase, steps=trained),
     )
     assert run_training(shorter, tmp_path, device="cpu")
-    assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
-    assert outcome(tmp_path) == outcome(undisturbed)
-
-
-def test_killed_before_the_first_checkpoint_it_starts_over(tmp_path, undisturbed):
-    break_off(tmp_path, 6, kill=True, resume=False)
     assert run_training(CONFIG, tmp_path, resume=True, device="cpu")
     assert outcome(tmp_path) == outcome(undisturbed)
 
@@ -169,58 +151,12 @@ def test_other_settings_are_not_mixed_in(undisturbed):
             run_training(replace(CONFIG, **phase), undisturbed, resume=True)
 
 
-def test_a_training_that_was_killed_before_it_began_is_begun_by_resume(tmp_path):
-    notes = stop_at_once(tmp_path / "run")
-    assert "contains no training yet: one is started" in notes[0]
-    assert (tmp_path / "run" / "config.toml").exists()
-
-
 @pytest.mark.parametrize("changes", [{"random_steps": 30}, {"method": "sac", "random_steps": 50}])
 def test_a_training_whose_first_phase_is_all_random_says_so(tmp_path, changes):
     notes = stop_at_once(tmp_path / "run", replace(CONFIG, **changes))
     assert "the first phase teaches nothing" in " ".join(notes)
     enough = replace(CONFIG, **changes | {"random_steps": changes["random_steps"] - 1})
     assert "teaches nothing" not in " ".join(stop_at_once(tmp_path / "other", enough))
-
-
-@pytest.fixture(scope="module")
-def broken_off(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("broken-off")
-    break_off(directory, 10, kill=False, resume=False)
-    return directory
-
-
-def compressed(content):
-    """Return the same parts, which torch would read as well."""
-    packed = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(content)) as archive,
-        zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as other,
-    ):
-        for name in archive.namelist():
-            other.writestr(name, archive.read(name))
-    return packed.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        ("checkpoint.pt", lambda _: b""),
-        ("checkpoint.pt", lambda _: b"half"),
-        ("checkpoint.pt", lambda _: b"xyz"),
-        ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
-        ("checkpoint.pt", lambda content: content[: len(content) // 2]),
-        ("checkpoint.pt", compressed),
-        ("replay.bin", lambda content: content[:-10]),
-        ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
-    ],
-)
-def test_a_damaged_checkpoint_is_named(broken_off, tmp_path, name, damage):
-    directory = tmp_path / "damaged"
-    shutil.copytree(broken_off, directory)
-    (directory / name).write_bytes(damage((directory / name).read_bytes()))
-    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
-        run_training(CONFIG, directory, resume=True, device="cpu")
 
 
 def test_a_mistake_leaves_the_directory_free(tmp_path):
@@ -232,7 +168,7 @@ def test_a_mistake_leaves_the_directory_free(tmp_path):
 
 
 def test_stopped_before_its_first_row_it_leaves_no_page(tmp_path):
-    break_off(tmp_path, 6, kill=True, resume=False)
+    break_off(tmp_path, 6, kill=True)
     stop_at_once(tmp_path)
     assert not (tmp_path / "progress.csv").exists()
     assert not (tmp_path / "report.html").exists()

@@ -1,12 +1,13 @@
 """What a training finds in its directory: nothing is replaced, nothing outside it is written."""
 
 import math
-import os
+import pickle
 import shutil
 import struct
 import zipfile
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,12 +25,13 @@ from minitouch_bench.errors import (
 )
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
+from tests.archives import members, zipped
 
 
 @pytest.fixture(scope="module")
 def broken_off(tmp_path_factory):
     directory = tmp_path_factory.mktemp("broken-off") / "run"
-    break_off(directory, 25, kill=False, resume=False)
+    break_off(directory, 25)
     return directory
 
 
@@ -45,14 +47,6 @@ def mine(directory):
     return directory.parent / "mine" / "letter.txt"
 
 
-def symbolic_link(file, target):
-    file.symlink_to(target)
-
-
-def second_name(file, target):
-    os.link(target, file)
-
-
 WRITTEN = (
     "exploration.safetensors", "replay.bin", "checkpoint.pt", "progress.csv", "config.toml",
     "report.html", "final.safetensors",
@@ -60,7 +54,7 @@ WRITTEN = (
 """The first one is written in the middle of the training, the others also at its end."""
 
 
-@pytest.mark.parametrize("plant", [symbolic_link, second_name])
+@pytest.mark.parametrize("plant", [Path.symlink_to, Path.hardlink_to])
 def test_nothing_is_written_through_a_link(prepared, plant):
     """Each name is given to a new file, or the training is refused."""
     letters = mine(prepared).parent
@@ -270,6 +264,25 @@ def test_a_full_disk_at_the_beginning_or_the_end_says_the_same(
 
 
 # A damaged checkpoint
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("checkpoint.pt", lambda _: b""),
+        ("checkpoint.pt", lambda _: b"half"),
+        ("checkpoint.pt", lambda _: b"xyz"),
+        ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
+        ("checkpoint.pt", lambda content: content[: len(content) // 2]),
+        ("checkpoint.pt", lambda content: zipped(members(content), zipfile.ZIP_DEFLATED)),
+        ("replay.bin", lambda content: content[:-10]),
+        ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
+    ],
+)
+def test_a_damaged_checkpoint_is_named(prepared, name, damage):
+    (prepared / name).write_bytes(damage((prepared / name).read_bytes()))
+    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
+        run_training(CONFIG, prepared, resume=True, device="cpu")
 
 
 def changed(directory, **values):

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -13,10 +12,9 @@ from minitouch_bench.commands.leaderboard import app
 from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.verification.static_check import Problem
+from tests.altered import ROOT
 from tests.commands.command import COMMAND, run
 from tests.leaderboard.synthetic import make_submission
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +45,6 @@ def validate(monkeypatch, tmp_path):
     return run_command
 
 
-def problem(*, is_unchecked=False):
-    return {"problems": (Problem("run.json", "no", is_unchecked=is_unchecked),)}
-
-
 @pytest.mark.parametrize(("unchecked", "code"), [((True,), 6), ((True, False), 1)])
 def test_a_submission_that_cannot_be_read_is_not_called_invalid(validate, unchecked, code):
     problems = tuple(Problem("run.json", "no", is_unchecked=one) for one in unchecked)
@@ -66,7 +60,7 @@ def test_a_check_that_cannot_be_finished_does_not_stop_the_others(validate, erro
 
 
 def test_a_proof_that_is_withdrawn_is_told(validate):
-    done = validate(hac=problem() | {"withdrawn": "verified"})
+    done = validate(hac={"problems": (Problem("run.json", "no"),), "withdrawn": "verified"})
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "hac: its proof (verified) is withdrawn"
 

@@ -1,6 +1,5 @@
 import json
 import socket
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,9 +65,7 @@ def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_pa
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(0.0)
         address = f"http://127.0.0.1:{server.getsockname()[1]}"
-        done = official_run(kind="remote")
-        policy = replace(done.header.policy, source=address)
-        write_official(replace(done, header=replace(done.header, policy=policy)), tmp_path / "run")
+        write_official(official_run(kind="remote", source=address), tmp_path / "run")
         unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
         unnamed.refused(5, address, "contacted only if you name it", "--policy")
         with pytest.raises(BlockingIOError):
@@ -76,9 +73,7 @@ def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_pa
 
 
 def test_python_code_that_a_run_names_is_run_only_if_the_user_names_it(tmp_path):
-    done = official_run(kind="factory")
-    policy = replace(done.header.policy, source="misbehaved:Still")
-    write_official(replace(done, header=replace(done.header, policy=policy)), tmp_path / "run")
+    write_official(official_run(kind="factory", source="misbehaved:Still"), tmp_path / "run")
     unnamed = run("verify", "run", "--rerun", 1, "--trust", directory=tmp_path)
     unnamed.refused(5, "misbehaved:Still", "run only if you name it", "--policy")
 

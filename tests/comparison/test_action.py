@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 from minitouch_bench.comparison.gate import GateSettings, Tolerance
+from tests.altered import ROOT
+from tests.process_tree import git
 
-ROOT = Path(__file__).parents[2]
 ACTION = ROOT / ".github/actions/regress/action.yml"
 WORKFLOW = ROOT / "docs/examples/regress.yml"
 
@@ -96,7 +97,7 @@ def test_several_runs_are_one_per_line(tmp_path):
 
 @pytest.mark.parametrize(("refused", "option"), [("", "--resume"), ("yes", "--fresh")])
 def test_a_run_that_was_stopped_is_continued_and_another_one_replaced(tmp_path, refused, option):
-    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    git(tmp_path, "init", "-q")
     (tmp_path / "out").mkdir()
     done, arguments = gate(tmp_path, refused=refused, policy="p.onnx", baseline="b", output="out")
     assert done.returncode == 0, done.stderr
@@ -110,18 +111,9 @@ def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
     (tmp_path / "link").symlink_to("out")
     gated = {"policy": "p.onnx", "baseline": "b", "output": output}
     assert refusal(tmp_path, **gated) == 2  # what is not a clone cannot say what is the clone's
-    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
-    subprocess.run(["git", "-C", str(tmp_path), "add", "out"], check=True)
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", "out")
     assert refusal(tmp_path, **gated) == 2
-
-
-def git(repository, *words):
-    identity = ("-c", "user.name=a", "-c", "user.email=a@b")
-    done = subprocess.run(
-        ["git", "-C", str(repository), *identity, *words],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    return done.stdout.strip()
 
 
 @pytest.fixture

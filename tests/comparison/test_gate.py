@@ -307,9 +307,3 @@ def test_a_tolerance_is_a_number_or_a_percentage(text, tolerance):
     for other in ("", "success=0.1", "%", "5 points"):
         with pytest.raises(UsageError, match="percentage"):
             Tolerance.parse(other)
-
-
-def test_a_relative_tolerance_is_of_the_baseline_s_mean():
-    assert Tolerance(0.1, relative=True).absolute(40.0) == 4.0
-    assert Tolerance(0.1).absolute(40.0) == 0.1
-    assert [str(Tolerance(0.1, relative=True)), str(Tolerance(0.05))] == ["10%", "0.05"]

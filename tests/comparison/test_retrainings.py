@@ -13,7 +13,7 @@ from minitouch_bench.comparison.pairing import PairedValues
 from minitouch_bench.comparison.retrainings import compare_trainings, judge
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.intervals import newcombe, wilson
-from tests.comparison.pairs import draw, flags, make_saved, shown, values
+from tests.comparison.pairs import draw, flags, make_saved, shown, values, with_header
 
 N = 40
 HARDNESS = np.random.default_rng(7).random((2, N))
@@ -39,9 +39,7 @@ def judged(before, after, **settings):
 
 def with_policies(side):
     """Each run has a policy file of its own."""
-    policies = (replace(run.header.policy, digest=run.name) for run in side)
-    headers = (replace(run.header, policy=p) for run, p in zip(side, policies, strict=True))
-    return [replace(run, header=header) for run, header in zip(side, headers, strict=True)]
+    return [with_header(run, policy=replace(run.header.policy, digest=run.name)) for run in side]
 
 
 GOOD = trainings("good", [0.85, 0.9, 0.95, 0.9])

@@ -1,10 +1,9 @@
 """The quickstart notebook runs from start to end, with a small budget."""
 
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.altered import ROOT
+
 NOTEBOOK = ROOT / "examples" / "quickstart.ipynb"
 BUDGET = "TRAINING_STEPS = 300\nEPISODES = 2\n"
 

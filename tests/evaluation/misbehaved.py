@@ -7,22 +7,16 @@ from pathlib import Path
 import numpy as np
 
 
-def deaths_left() -> int:
-    return int(Path(os.environ["DEATHS"]).read_text())
-
-
-def die(left: int) -> None:
-    Path(os.environ["DEATHS"]).write_text(str(left - 1))
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def kill_worker(left: int) -> None:
-    Path(os.environ["DEATHS"]).write_text(str(left - 1))
-    process = os.getpid()
-    for _ in ("reaper", "host", "worker"):
-        process = int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
-    os.kill(process, signal.SIGKILL)
-    signal.pause()
+def die_if_due(*above: str) -> None:
+    """Kill this process, or the one above these, as often as a file says."""
+    file = Path(os.environ["DEATHS"])
+    if left := int(file.read_text()):
+        file.write_text(str(left - 1))
+        process = os.getpid()
+        for _ in above:
+            process = int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+        os.kill(process, signal.SIGKILL)
+        signal.pause()
 
 
 class Still:
@@ -93,9 +87,7 @@ class KillsItsWorkerOnce(Still):
     """Kills the worker process, which is the parent of its host; how often, a file says."""
 
     def act(self, observation):
-        left = deaths_left()
-        if left:
-            kill_worker(left)
+        die_if_due("reaper", "host", "worker")
         return super().act(observation)
 
 
@@ -106,7 +98,6 @@ class IsKilled(Still):
 
     def act(self, observation):
         self.steps += 1
-        left = deaths_left()
-        if left and self.steps == 3:
-            die(left)
+        if self.steps == 3:
+            die_if_due()
         return super().act(observation)

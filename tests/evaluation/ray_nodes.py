@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, open_engine
@@ -91,5 +92,5 @@ def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
         time.sleep(0.2)
 
 
-def engine_at(address: str) -> contextlib.AbstractContextManager[Engine]:
-    return open_engine("ray", address=address)
+def engine_at(address: str | None, workers: int | None = None) -> AbstractContextManager[Engine]:
+    return open_engine("ray", workers, address)

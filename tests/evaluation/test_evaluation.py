@@ -122,24 +122,11 @@ def test_a_fresh_run_replaces_the_old_one_and_leaves_the_rest(finished, tmp_path
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_directory_of_other_files_is_refused_and_fresh_keeps_them(tmp_path):
+def test_a_directory_of_other_files_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     for resume in (False, True):
         with pytest.raises(RunDirectoryError, match="does not contain a run"):
             open_run(header_of(request()), tmp_path, resume=resume, fresh=False)
-    open_run(header_of(request()), tmp_path, resume=False, fresh=True)
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-
-
-def test_faults_stay_in_the_denominator_and_the_rest_goes_on(tmp_path, importable):
-    wanted = request("misbehaved:FaultInPushing", ("pushing", "opening"), 1)
-    done = run(wanted, tmp_path)
-    pushing, opening = done.rows
-    assert pushing.outcome is Outcome.POLICY_FAULT
-    assert pushing.steps == len(done.actions["pushing/0"]) == 2
-    assert opening.outcome is Outcome.STEP_LIMIT
-    assert done.faults.keys() == {"pushing/0"}
-    assert "NaN" in done.faults["pushing/0"]
 
 
 def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, importable):

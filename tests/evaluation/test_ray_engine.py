@@ -18,7 +18,6 @@ from minitouch_bench.errors import (
     MissingExtraError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import open_engine
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import pack
@@ -30,6 +29,7 @@ from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation import ray_nodes
+from tests.evaluation.ray_nodes import engine_at
 from tests.evaluation.runs import digests, request, run
 from tests.evaluation.test_evaluation import begin
 from tests.process_tree import command_line
@@ -65,16 +65,12 @@ def cluster(tmp_path_factory):
         yield address
 
 
-def engine_on(address, workers=None):
-    return open_engine("ray", workers, address)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["scripted", "random", "script"])
 def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tmp_path, policy):
     wanted = request(str(script) if policy == "script" else policy, TASK_NAMES, 2)
     here = run(wanted, tmp_path / "here", workers=1)
-    with engine_on(cluster) as engine:
+    with engine_at(cluster) as engine:
         assert engine.workers == 2
         there = run(wanted, tmp_path / "there", engine=engine)
     assert digests(there) == digests(here)
@@ -90,7 +86,7 @@ def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_pat
     done, directory = finished
     begin(directory, tmp_path, 3)
     wanted = request()
-    with engine_on(cluster, 1) as engine:
+    with engine_at(cluster, 1) as engine:
         again = run(wanted, tmp_path, engine=engine, resume=True)
     assert digests(again) == digests(done)
     begin(tmp_path, tmp_path, 5)
@@ -131,7 +127,7 @@ def test_what_a_dead_worker_did_is_done_again_and_its_policy_dies_with_it(cluste
     here = run(wanted, tmp_path)
     specs = header_of(wanted).specs()
     found, hosts = {}, set()
-    with engine_on(cluster, 1) as engine:
+    with engine_at(cluster, 1) as engine:
         for record in engine.run(wanted, specs):
             if not found:
                 threading.Timer(0.3, kill_workers, (hosts,)).start()
@@ -141,14 +137,10 @@ def test_what_a_dead_worker_did_is_done_again_and_its_policy_dies_with_it(cluste
     assert not any(map(command_line, hosts))
 
 
-def policy_hosts():
-    every = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()}
-    return {pid for pid in every if b"policies.forkserver" in command_line(pid)}
-
-
 def kill_workers(hosts):
     """Kill every worker on this machine that holds a policy, and collect the policies' hosts."""
-    for host in policy_hosts():
+    every = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()}
+    for host in {pid for pid in every if b"policies.forkserver" in command_line(pid)}:
         worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
         if command_line(worker).startswith(b"ray::"):
             hosts.add(host)
@@ -162,7 +154,7 @@ def test_an_episode_is_tried_three_times(cluster, deaths):
     counter.write_text(str(deaths))
     wanted = request("misbehaved:KillsItsWorkerOnce", ("opening",), 1, isolation=Isolation.PROCESS)
     specs = header_of(wanted).specs()
-    with engine_on(cluster) as engine:
+    with engine_at(cluster) as engine:
         if deaths < 3:
             assert len(list(engine.run(wanted, specs))) == 1
         else:
@@ -192,7 +184,7 @@ def test_a_node_with_another_protocol_is_refused_in_one_line(tmp_path):
     with (
         ray_nodes.head() as address,
         ray_nodes.joined(address, 2, PYTHONPATH=path),
-        engine_on(address) as engine,
+        engine_at(address) as engine,
         pytest.raises(InfrastructureError, match=told) as refused,
     ):
         run(wanted, tmp_path / "there", engine=engine)
@@ -202,17 +194,17 @@ def test_a_node_with_another_protocol_is_refused_in_one_line(tmp_path):
 @pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", "a:b"])
 def test_what_is_not_an_address_is_a_mistake(address):
     with pytest.raises(UsageError, match=r"HOST:PORT"):
-        engine_on(address)
+        engine_at(address)
 
 
 def test_the_ray_of_the_caller_is_left_alone(monkeypatch):
     ray = SimpleNamespace(is_initialized=lambda: True)  # which nobody can shut down
     monkeypatch.setitem(sys.modules, "ray", ray)
-    with pytest.raises(UsageError, match="uses Ray already"), engine_on(None):
+    with pytest.raises(UsageError, match="uses Ray already"), engine_at(None):
         pass
 
 
 def test_without_ray_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), engine_on(None):
+    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), engine_at(None):
         pass

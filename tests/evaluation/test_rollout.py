@@ -66,23 +66,13 @@ def test_a_trace_has_one_row_a_step(environment):
 
 @pytest.mark.parametrize("environment", ["pushing"], indirect=True)
 @pytest.mark.parametrize(
-    "error", [InvalidActionError("the action holds NaN"), PolicyTimeoutError("late")]
+    ("error", "acts"),
+    [(InvalidActionError("NaN"), 3), (PolicyTimeoutError("late"), 3), (PolicyLoadError("gone"), 0)],
 )
-def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error):
-    spec = SPECS[environment.task.spec.name]
-    record = run_episode(environment, Failing(environment, error), spec)
+def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error, acts):
+    policy = Failing(environment, error, at_once=not acts)
+    record = run_episode(environment, policy, SPECS["pushing"])
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.fault == str(error)
-    assert len(record.trace.actions) == 3
-    assert len(record.trace.touch) == 4
-
-
-@pytest.mark.parametrize("environment", ["pushing"], indirect=True)
-def test_a_fault_before_the_first_action_leaves_an_empty_trace(environment):
-    spec = SPECS[environment.task.spec.name]
-    record = run_episode(
-        environment, Failing(environment, PolicyLoadError("gone"), at_once=True), spec
-    )
-    assert record.outcome is Outcome.POLICY_FAULT
-    assert record.trace.actions.shape == (0, environment.action_space.shape[0])
-    assert record.trace.touch.shape == (1, 11)
+    assert record.trace.actions.shape == (acts, 4)
+    assert record.trace.touch.shape == (acts + 1, 11)

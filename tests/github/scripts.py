@@ -1,10 +1,10 @@
 """The scripts that workflows call, imported from ``.github/scripts``."""
 
 import importlib.util
-from pathlib import Path
 from types import ModuleType
 
-ROOT = Path(__file__).parents[2]
+from tests.altered import ROOT
+
 SCRIPTS = ROOT / ".github" / "scripts"
 
 

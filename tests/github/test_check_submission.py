@@ -2,12 +2,12 @@
 
 import json
 import shutil
-import subprocess
 import sys
 
 import pytest
 
 from tests.github.scripts import load
+from tests.process_tree import git
 
 VALIDATE = """
 import pathlib, sys
@@ -26,12 +26,6 @@ if code == 0:
     (proofs / f"{place.name}.json").write_text("{}")
 raise SystemExit(code)
 """
-
-
-def git(clone, *arguments):
-    identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
-    command = ["git", "-C", str(clone), *identity, *arguments]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def commit(clone, **files):

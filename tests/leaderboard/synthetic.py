@@ -18,10 +18,10 @@ from minitouch_bench.leaderboard.submission import (
     checkpoint_place,
     run_place,
 )
-from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.runs.run import RunEnvironment, make_header, run_json
+from minitouch_bench.runs.run import Run, RunEnvironment, make_header, run_json
 from tests.reporting.synthetic import Played, make_record, measured, with_fault
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"
@@ -43,7 +43,7 @@ VIDEO = b"\0\0\0\x18ftypisom" + bytes(100)
 
 
 def official_run(
-    suite="table4", skill=0.8, seed=0, *, exploration=False, faults=0, kind="native"
+    suite="table4", skill=0.8, seed=0, *, exploration=False, faults=0, kind="native", **policy_facts
 ) -> Played:
     """Make a run of every episode of a suite, its policy as good as ``skill`` says."""
     rng = np.random.default_rng([seed, len(suite), int(1000 * skill)])
@@ -67,6 +67,7 @@ def official_run(
         policy = PolicyIdentity(kind, kind, kind, "", notes)
     if kind == "remote":
         policy = PolicyIdentity("host", "http://host:1", kind, "", ("remote",))
+    policy = replace(policy, **policy_facts)
     isolation = {"scripted": "none", "remote": "process"}.get(kind, "sandbox")
     header = make_header(make_plan(suite), policy, policy if exploration else None, isolation)
     environment = RunEnvironment(
@@ -117,6 +118,24 @@ def prove_as(directory: Path, level: ProofLevel = ProofLevel.VERIFIED) -> None:
     fresh = FreshProof("a phrase", 50, dict.fromkeys(places, 1234), results)
     played = (20, fresh) if level is ProofLevel.VERIFIED else ()
     write_file(proof_path(directory), write_json(Proof(level, found.files, *played)))
+
+
+def checkpoint_of(directory: Path, seed: int, role: Role, task: str, name: str) -> CheckpointFile:
+    """Return what ``submission.toml`` says of a checkpoint that is in its place."""
+    place = checkpoint_place(seed, role, name)
+    digest = hashlib.sha256((directory / place).read_bytes()).hexdigest()
+    return CheckpointFile(role, task, name, digest, place)
+
+
+def findings_of(directory: Path, run: Run, *checkpoints: CheckpointFile) -> SubmissionFindings:
+    """Return what is found of a submission with this run: only its episodes are looked at."""
+    place = run_place(0, "table4")
+    seed = TrainingSeed(0, {"table4": place}, checkpoints)
+    submission = Submission(name=directory.name, seeds=(seed,))
+    files = {"run.json": "0" * 64}
+    return SubmissionFindings(
+        directory=directory, submission=submission, runs={place: run}, files=files
+    )
 
 
 def _files(directory: Path, seed: int, exploration: bool, include: bool):

@@ -32,6 +32,7 @@ from minitouch_bench.reporting.pages import Ending
 from minitouch_bench.reporting.report import TABLE_FORMATS, build_report
 from minitouch_bench.runs.run import read_run, run_json
 from tests.leaderboard.synthetic import make_submission
+from tests.leaderboard.test_submission import schema
 
 BOTH = ("table4", "novel-shapes")
 STORED = Path(__file__).parents[2] / "submissions"
@@ -74,6 +75,7 @@ def rows(board):
 def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
     """Those of one seed are in its run.json; of several, ``over_seeds`` of those."""
     document = json.loads((built / "leaderboard.json").read_text())
+    schema("leaderboard.schema.json").validate(document)
     compared = 0
     for row in (*document["ranked"], *document["calibration"]):
         runs = [read_run(submissions / row["name"] / place) for place in row["runs"]]
@@ -225,6 +227,9 @@ def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tm
     (root / "README.md").write_text("hello")
     board = build_board(root, tmp_path / "board")
     assert list(map(len, (board.ranked, board.other_protocol, board.refused))) == [2, 1, 1]
+    document = json.loads((tmp_path / "board" / "leaderboard.json").read_text())
+    schema("leaderboard.schema.json").validate(document)
+    assert [row["name"] for row in document["refused"]] == ["hac"]
     text = (tmp_path / "board" / "leaderboard.md").read_text()
     assert "## Other protocols, not ranked\n\n- **near**" in text
     assert "## Left out\n\n- **hac**" in text

@@ -1,7 +1,6 @@
 """Proving a submission: real episodes in the simulator, a few of them."""
 
 import dataclasses
-import hashlib
 import json
 import shutil
 
@@ -27,19 +26,13 @@ from minitouch_bench.leaderboard.proof import (
     read_proof,
 )
 from minitouch_bench.leaderboard.proving import Prover, prove
-from minitouch_bench.leaderboard.submission import (
-    CheckpointFile,
-    Submission,
-    TrainingSeed,
-    checkpoint_place,
-)
-from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
+from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run, run_json
-from tests.altered import edit_actions, edit_document
+from tests.altered import edit_actions, edit_document, nudge, swap
 from tests.evaluation.runs import Here, request, run
-from tests.leaderboard.synthetic import FRESH_RESULT, VIDEO, prove_as
+from tests.leaderboard.synthetic import FRESH_RESULT, VIDEO, checkpoint_of, findings_of, prove_as
 
 PLACE = "seed-0/table4"
 REPLAYED, VERIFIED = ProofLevel.REPLAYED, ProofLevel.VERIFIED
@@ -52,30 +45,16 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def found(finished, tmp_path):
-    """A run of two episodes as if it were a submission's: only its episodes are looked at here."""
     directory = tmp_path / "submissions" / "scripted"
     place = directory / PLACE
     place.mkdir(parents=True)
     shutil.copy(finished.directory / "actions.npz", place)
     (place / "run.json").write_bytes(run_json(finished))
-    return SubmissionFindings(
-        directory=directory,
-        submission=Submission(name="scripted", seeds=(TrainingSeed(0, {"table4": PLACE}),)),
-        runs={PLACE: read_run(place)},
-        files={"run.json": "0" * 64},
-    )
+    return findings_of(directory, read_run(place))
 
 
 def prover(found, engine=None):
     return Prover(found, engine or Here(), rng=np.random.default_rng(3))
-
-
-def swap(actions):
-    actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
-
-
-def nudge(actions):
-    actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
 
 
 @pytest.mark.parametrize("change", [swap, nudge])
@@ -175,36 +154,21 @@ def test_a_checkpoint_that_is_not_there_cannot_be_run_again(found):
     assert find_proof(found.directory, found.files).level is REPLAYED
 
 
-@pytest.fixture
-def per_task(tmp_path):
-    """A submission of a directory, one checkpoint per task, with a run of two short episodes."""
-    folder = tmp_path / "submissions" / "hac" / "checkpoints" / "seed-0" / "final"
+def test_each_checkpoint_of_a_directory_is_run_again_in_its_own_task(tmp_path):
+    directory, files = tmp_path / "submissions" / "hac", []
+    folder = directory / "checkpoints" / "seed-0" / "final"
     folder.mkdir(parents=True)
-    files = []
     for seed, task in enumerate(("opening", "pushing")):
         torch.manual_seed(seed)
         save_native(TouchActor(action_size=4), folder / f"{task}.safetensors")
-        name = f"{task}.safetensors"
-        digest = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        place = checkpoint_place(0, Role.FINAL, name)
-        files.append(CheckpointFile(Role.FINAL, task, name, digest, place))
+        files.append(checkpoint_of(directory, 0, Role.FINAL, task, f"{task}.safetensors"))
     done = run(request(str(folder), ("opening", "pushing"), 1), tmp_path / "run")
-    return SubmissionFindings(
-        directory=tmp_path / "submissions" / "hac",
-        submission=Submission(seeds=(TrainingSeed(0, {"table4": PLACE}, tuple(files)),)),
-        runs={PLACE: done},
-        files={},
-    )
-
-
-def test_each_checkpoint_of_a_directory_is_run_again_in_its_own_task(per_task):
-    played = []
+    per_task, played = findings_of(directory, done, *files), []
     checking = dataclasses.replace(prover(per_task), on_record=played.append)
     checking.run_again(2)
     assert not checking.problems
     assert {record.spec.task for record in played} == {"opening", "pushing"}
-    (seed,) = per_task.submission.seeds
-    paths = [per_task.directory / file.path for file in seed.checkpoints]
+    paths = [directory / file.path for file in files]
     paths[0].write_bytes(paths[1].read_bytes())
     checking = prover(per_task)
     checking.run_again(2)

@@ -26,15 +26,6 @@ def single(values):
     return np.asarray(values, float)[None]
 
 
-def test_means_are_paired_by_episode():
-    rng = np.random.default_rng(1)
-    hard = rng.normal(0, 50, 100)  # what an episode costs every policy
-    one, other = hard + rng.normal(0, 1, 100), hard + 2 + rng.normal(0, 1, 100)
-    assert mean_p_values([[single(one), single(other)]])[0, 1] < 1e-9
-    shuffled = rng.permutation(other)
-    assert mean_p_values([[single(one), single(shuffled)]])[0, 1] > 0.05
-
-
 def test_a_paired_t_test_by_hand():
     difference = np.array([1.0, 2.0, 0.0, 3.0, -1.0])
     base = np.array([5.0, 1.0, 9.0, 4.0, 2.0])
@@ -42,17 +33,6 @@ def test_a_paired_t_test_by_hand():
     assert t == pytest.approx(1.41421356)
     p = mean_p_values([[single(base + difference), single(base)]])[0, 1]
     assert p == pytest.approx(0.2302, abs=1e-4)  # of Student's t, 4 degrees of freedom
-
-
-def test_training_seeds_add_their_own_doubt():
-    rng = np.random.default_rng(3)
-    base = rng.normal(0, 1, 100)
-    sure = np.array([base + 1, base + 1.0001, base + 0.9999])
-    unsure = np.array([base + 3, base - 1, base + 1])
-    zero = np.array([base, base + 0.0001, base - 0.0001])
-    p = mean_p_values([[sure, unsure, zero]])
-    assert p[0, 2] < 1e-6
-    assert p[1, 2] > 0.05
 
 
 def test_the_noise_of_episodes_counts_once():
@@ -71,7 +51,8 @@ def test_the_noise_of_episodes_counts_once():
     variance = over_episodes + over_seeds - residual
     freedom = variance**2 / (over_episodes**2 / 2 + over_seeds**2 / 1)
     expected = 2 * stats.t.sf(6.5 / math.sqrt(variance), freedom)
-    assert mean_p_values([[apart, flat]])[0, 1] == pytest.approx(expected)
+    found = mean_p_values([[apart, flat]])
+    assert (found[0, 1], found[1, 0]) == pytest.approx((expected, expected))
 
 
 def test_a_copy_of_a_row_differs_by_nothing_whatever_the_order_of_its_seeds():

@@ -7,18 +7,11 @@ import torch
 from minitouch_bench.episode import Role
 from minitouch_bench.leaderboard.proof import fresh_seed
 from minitouch_bench.leaderboard.proving import Prover
-from minitouch_bench.leaderboard.submission import (
-    ALL_TASKS,
-    CheckpointFile,
-    Submission,
-    TrainingSeed,
-    checkpoint_place,
-)
-from minitouch_bench.leaderboard.validation import SubmissionFindings
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.leaderboard.submission import ALL_TASKS, checkpoint_place
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.evaluation.runs import Here, run
 from tests.evaluation.runs import request as wanted_run
+from tests.leaderboard.synthetic import checkpoint_of, findings_of
 
 PLACE = "seed-0/table4"
 CHECKPOINT = checkpoint_place(0, Role.FINAL, "table.pt")
@@ -72,18 +65,8 @@ def found(tmp_path_factory):
 
     wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
     done = run(wanted, directory / PLACE)
-    return found_of(directory, done)
-
-
-def found_of(directory, run):
-    """Return the findings of a submission with this run and the checkpoint."""
-    digest = parse_source(str(directory / CHECKPOINT)).digest
-    file = CheckpointFile(Role.FINAL, ALL_TASKS, "table.pt", digest, CHECKPOINT)
-    submission = Submission(name="table", seeds=(TrainingSeed(0, {"table4": PLACE}, (file,)),))
-    files = {"submission.toml": "0" * 64}
-    return SubmissionFindings(
-        directory=directory, submission=submission, runs={PLACE: run}, files=files
-    )
+    file = checkpoint_of(directory, 0, Role.FINAL, ALL_TASKS, "table.pt")
+    return findings_of(directory, done, file)
 
 
 def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):

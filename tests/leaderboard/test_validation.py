@@ -1,6 +1,5 @@
 """What a submission may hold, and every attack on it that is known, each refused by name."""
 
-import io
 import os
 import shutil
 import zipfile
@@ -12,6 +11,7 @@ import pytest
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import parse_run, run_digest
 from tests.altered import edit_actions, edit_document
+from tests.archives import zipped
 from tests.leaderboard.synthetic import make_submission, official_run, write_official
 
 RUN = "seed-0/table4"
@@ -195,15 +195,12 @@ def test_other_mistakes_in_the_file(submission, old, new, words):
 # Paths and files
 
 
-@pytest.mark.parametrize("path", ["../../other/table4", "/etc"])
-def test_paths_of_runs_that_lead_elsewhere(submission, path):
-    edit_toml(submission, 'table4 = "seed-0/table4"', f'table4 = "{path}"')
-    refused(submission, path, "outside its place")
-
-
 @pytest.mark.parametrize("path", ["../../secret", "/etc/passwd"])
-def test_paths_of_checkpoints_that_lead_elsewhere(submission, path):
-    edit_toml(submission, 'path = "checkpoints/seed-0/final/hac.safetensors"', f'path = "{path}"')
+@pytest.mark.parametrize(
+    "place", ['table4 = "seed-0/table4"', 'path = "checkpoints/seed-0/final/hac.safetensors"']
+)
+def test_paths_that_lead_elsewhere(submission, path, place):
+    edit_toml(submission, place, f'{place.partition(" = ")[0]} = "{path}"')
     refused(submission, path, "outside its place")
 
 
@@ -236,13 +233,11 @@ def test_files_that_are_too_large(submission):
 
 
 def test_a_zip_bomb_as_a_checkpoint(submission):
-    bomb = io.BytesIO()
-    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("data.pkl", bytes(300_000_000))
+    bomb = zipped({"data.pkl": bytes(300_000_000)}, zipfile.ZIP_DEFLATED)
     for role in ("final", "exploration"):
         place = submission / f"checkpoints/seed-0/{role}/hac.safetensors"
         place.rename(place.with_suffix(".pt"))
-        place.with_suffix(".pt").write_bytes(bomb.getvalue())
+        place.with_suffix(".pt").write_bytes(bomb)
     file = submission / "submission.toml"
     file.write_text(file.read_text().replace("hac.safetensors", "hac.pt"))
     refused(submission, "hac.pt", "declares 300000000: it is not unpacked")

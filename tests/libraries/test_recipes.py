@@ -1,19 +1,16 @@
 """The recipes of docs/how-to/other-libraries.md, run with the libraries that are installed."""
 
-import os
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 import minitouch_bench as mt
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import ARCHITECTURES, KeypointActor
+from tests.altered import DOCS
+from tests.process_tree import run_python
 from tests.reporting.synthetic import make_run, write
 
-DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = DOCS / "examples"
 RECIPES = sorted(file.stem for file in (EXAMPLES / "libraries").glob("*.py"))
 NEEDS = {
@@ -38,19 +35,11 @@ def test_a_recipe_runs_unchanged(recipe, tmp_path):
     if recipe in NEEDS:
         module, package = NEEDS[recipe]
         pytest.importorskip(module, reason=f"pip install {package}")
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / "libraries" / f"{recipe}.py"],
-        cwd=tmp_path,
-        env={
-            **os.environ,
-            "MINARI_DATASETS_PATH": str(tmp_path / "minari"),
-            "OMP_NUM_THREADS": "1",  # threads that wait for a busy core burn the time of others
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    variables = {
+        "MINARI_DATASETS_PATH": str(tmp_path / "minari"),
+        "OMP_NUM_THREADS": "1",  # threads that wait for a busy core burn the time of others
+    }
+    run_python(EXAMPLES / "libraries" / f"{recipe}.py", cwd=tmp_path, **variables)
     if recipe in EVALUATED:
         policy = str(tmp_path / EVALUATED[recipe])
         played = mt.evaluate(policy, tasks=["pushing"], episodes=1, output=tmp_path / "run")
@@ -71,15 +60,14 @@ def test_the_example_draws_a_curve_of_runs_and_of_a_training(tmp_path):
     (tmp_path / "config.toml").write_text('task = "pushing"\n')
     for name in ("early", "late"):
         write(make_run(name, tasks=("pushing",), episodes=4), tmp_path / name)
-    command = [sys.executable, EXAMPLES / "curve.py", ".", "500=early", "1500=late"]
-    environment = {**os.environ, "MPLBACKEND": "agg"}
-    subprocess.run(command, cwd=tmp_path, check=True, env=environment)
+    words = (".", "500=early", "1500=late")
+    run_python(EXAMPLES / "curve.py", *words, cwd=tmp_path, MPLBACKEND="agg")
     assert (tmp_path / "curve.png").stat().st_size > 5000
 
 
 def test_the_example_draws_keypoints_of_a_policy(tmp_path):
     pytest.importorskip("matplotlib", reason="pip install matplotlib")
     save_native(ARCHITECTURES[KeypointActor.architecture](4, 1.0), tmp_path / "policy.safetensors")
-    command = [sys.executable, EXAMPLES / "keypoints.py", "policy.safetensors", "pushing"]
-    subprocess.run(command, cwd=tmp_path, check=True, env={**os.environ, "MPLBACKEND": "agg"})
+    words = ("policy.safetensors", "pushing")
+    run_python(EXAMPLES / "keypoints.py", *words, cwd=tmp_path, MPLBACKEND="agg")
     assert (tmp_path / "keypoints.png").stat().st_size > 5000

@@ -170,11 +170,6 @@ def test_bootstrap_of_equal_values_has_no_width():
 UNIT = (0.0, 1.0)
 
 
-def test_the_estimate_of_one_seed_stays_as_it_is():
-    one = wilson(7, 10)
-    assert over_seeds([one], UNIT) is one
-
-
 def test_seeds_have_student_s_interval_and_a_share_is_no_narrower_than_over_all_episodes():
     equal = over_seeds([wilson(50, 100)] * 3, UNIT)
     pooled = wilson(150, 300)

@@ -1,12 +1,11 @@
 """Proof by doing: a metric is one value with its statistic, and then it is in every table."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
 from tests.altered import ROOT
+from tests.process_tree import run_python
 
 SCRIPT = """
 import sys
@@ -66,9 +65,7 @@ STORED = ROOT / "submissions" / "random" / "seed-0" / "table4"
 def root(tmp_path_factory):
     """What a program with one metric more writes."""
     root = tmp_path_factory.mktemp("metric")
-    script = [sys.executable, "-c", SCRIPT, str(root), str(STORED)]
-    done = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    run_python("-c", SCRIPT, root, STORED, cwd=ROOT)
     return root
 
 

@@ -9,7 +9,6 @@ from minitouch_bench.metrics.statistics import (
     MEAN,
     SHARE,
     Quantile,
-    count_discordance,
     holm,
     mcnemar_p,
     score_statistic,
@@ -214,11 +213,6 @@ def test_the_coverage_that_is_summed_is_that_of_the_interval():
     found = [known[lost, won] for lost, won, _ in drawn.tolist()]
     covered = np.mean([one.low <= -0.1 <= one.high for one in found])
     assert covered == pytest.approx(coverage(60, *rates), abs=0.015)
-
-
-def test_pairs_that_differ_are_counted():
-    found = count_discordance(np.array([1, 1, 0, 0, 1.0]), np.array([1, 0, 1, 0, 0.0]))
-    assert found == (2, 1, 5)
 
 
 def test_holm_gives_the_textbook_s_values():

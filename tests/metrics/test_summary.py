@@ -60,18 +60,9 @@ def test_a_door_moves_in_its_one_angle():
 
 @pytest.mark.parametrize("samples", [0, 1])
 def test_an_episode_without_steps_has_zeros(samples):
-    nothing = np.zeros(0, np.int16)
-    trace = Trace(
-        actions=np.zeros((0, 4), np.float32),
-        clipped=np.zeros(0, bool),
-        rewards=np.zeros(0, np.float32),
-        ticks=nothing,
-        contact_ticks=nothing,
-        onsets=nothing,
-        touch=np.ones((samples, 11), np.float32),
-        object_state=np.ones((samples, 3)),
-    )
-    metrics = measure(PlayedEpisode(SPEC, Outcome.POLICY_FAULT, trace, "raised"))
+    record = with_fault(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, make_trace()), "raised")
+    felt, state = record.trace.touch[:samples], record.trace.object_state[:samples]
+    metrics = measure(replace(record, trace=replace(record.trace, touch=felt, object_state=state)))
     assert metrics.first_touch_tick is None
     assert METRICS["time_to_first_touch"].value(metrics) is None
     assert (metrics.steps, metrics.episode_return, metrics.touch_interaction) == (0, 0, 0)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import zipfile
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from torch import nn
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies.policy import PolicySource, load_policy
+from tests.archives import members, zipped
 
 IMAGE, TOUCH = torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.ones(1, 11)
 
@@ -60,20 +60,14 @@ def test_files_of_another_form_are_refused():
     torch.save({"weight": torch.zeros(3)}, weights)
     for content in (b"plain text", whole[:-500], weights.getvalue()):
         refused(content, "cannot be read")
-    compiled = io.BytesIO(whole)
-    with zipfile.ZipFile(compiled, "a") as archive:
-        archive.writestr("archive/data/aotinductor/model/model.so", b"\x7fELF")
-    refused(compiled.getvalue(), "compiled code")
+    library = {"archive/data/aotinductor/model/model.so": b"\x7fELF"}
+    refused(zipped({**members(whole), **library}), "compiled code")
 
 
 def test_a_file_of_a_later_torch_is_refused_with_our_version():
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(saved())) as old, zipfile.ZipFile(buffer, "w") as new:
-        for name in old.namelist():
-            content = old.read(name)
-            if name.endswith("models/model.json"):
-                program = json.loads(content)
-                program["schema_version"]["major"] += 1
-                content = json.dumps(program).encode()
-            new.writestr(name, content)
-    refused(buffer.getvalue(), f"torch {torch.__version__.partition('+')[0]}.* version")
+    contents = members(saved())
+    (name,) = [name for name in contents if name.endswith("models/model.json")]
+    program = json.loads(contents[name])
+    program["schema_version"]["major"] += 1
+    content = zipped({**contents, name: json.dumps(program)})
+    refused(content, f"torch {torch.__version__.partition('+')[0]}.* version")

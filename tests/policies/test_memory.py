@@ -67,23 +67,20 @@ class Normalized(nn.Module):
 
 def export(module: nn.Module, how: str, path: Path) -> Path:
     module.eval()
-    if how == "export":
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a state that is not a buffer
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporters' own, of states that are not buffers too
+        if how == "export":
             torch.export.save(torch.export.export(module, EXAMPLE), path)
-        return path
-    if how == "onnx":
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the exporter's own
+        elif how == "onnx":
             torch.onnx.export(
                 module, EXAMPLE, path, input_names=["image", "touch"], output_names=["action"],
                 external_data=False, dynamo=True,
             )  # fmt: skip
-        return path
-    with torch.no_grad(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", torch.jit.TracerWarning)
-        kept = torch.jit.script(module) if how == "script" else torch.jit.trace(module, EXAMPLE)
-    kept.save(str(path))
+        else:
+            with torch.no_grad():
+                script = how == "script"
+                kept = torch.jit.script(module) if script else torch.jit.trace(module, EXAMPLE)
+            kept.save(str(path))
     return path
 
 

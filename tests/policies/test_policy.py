@@ -40,6 +40,7 @@ def refused(kind, content, match):
 def test_a_file_gives_the_actors_own_bits(light, observation, expected, kind, suffix):
     policy = load(kind, light / f"policy.{suffix}")
     policy.reset(0, "opening")
+    assert len(expected) == 5
     assert np.array_equal(np.ravel(policy.act(observation)), expected)
 
 
@@ -49,8 +50,11 @@ def test_onnx_gives_the_actors_numbers(onnx_file, observation, expected):
     np.testing.assert_allclose(np.ravel(policy.act(observation)), expected, atol=1e-5)
 
 
-def test_native_exploration_samples_from_the_seed(light, observation):
-    policy = load("native", light / "policy.safetensors", deterministic=False)
+@pytest.mark.parametrize("kind", ["native", "random"])
+def test_chance_comes_from_the_seed(light, observation, kind):
+    policy = load_policy(parse_source("random"))
+    if kind == "native":
+        policy = load(kind, light / "policy.safetensors", deterministic=False)
     drawn = []
     for seed in (1, 1, 2**63):
         policy.reset(seed, "opening")

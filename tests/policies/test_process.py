@@ -28,7 +28,7 @@ from minitouch_bench.policies.process import PolicyProcess, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
-from tests.process_tree import is_alive, wait_until
+from tests.process_tree import is_alive, run_python, wait_until
 
 LOAD_SLEEPS = 103
 
@@ -291,9 +291,8 @@ forkserver.serve(theirs, wire.HostSetup("torchscript", IsolationOptions(Isolatio
 
 
 def test_a_host_that_cannot_fork_ends_at_once():
-    command = [sys.executable, "-c", WITHOUT_FORK]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (1, "no process can be forked\n")
+    ended = run_python("-c", WITHOUT_FORK, code=1)
+    assert ended.stderr == "no process can be forked\n"
 
 
 WORKER = """

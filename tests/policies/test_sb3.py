@@ -2,9 +2,7 @@ import base64
 import io
 import json
 import warnings
-import zipfile
 
-import cloudpickle
 import numpy as np
 import pytest
 import torch
@@ -14,9 +12,12 @@ from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object
+from tests.archives import members, zipped
 from tests.policies.recipes import StillEnvironment, run_recipes
 
 stable_baselines3 = pytest.importorskip("stable_baselines3")
+
+WEIGHTS = "policy.pth"
 
 
 class Sinking(StillEnvironment):
@@ -65,14 +66,9 @@ def saved(model):
     return buffer.getvalue()
 
 
-def changed(content, **members):
+def changed(content, **others):
     """Return a zip with members replaced."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(buffer, "w") as new:
-        for name in old.namelist():
-            stem = name.partition(".")[0]
-            new.writestr(name, members[stem] if stem in members else old.read(name))
-    return buffer.getvalue()
+    return zipped({**members(content), **others})
 
 
 def load(content, **options):
@@ -116,12 +112,7 @@ def test_exploration_samples_from_the_seed(recipe, observation):
 
 
 def settings_of(content):
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        return json.loads(archive.read("data"))
-
-
-def pickled(thing):
-    return {":serialized:": base64.b64encode(cloudpickle.dumps(thing)).decode()}
+    return json.loads(members(content)["data"])
 
 
 def test_only_what_describes_the_policy_is_opened(recipe, observation):
@@ -145,7 +136,7 @@ def test_files_of_another_form_are_refused(recipe):
     refused(b"plain text", "not a Stable-Baselines3 model")
     refused(changed(content, data="{}"), "not a Stable-Baselines3 model: 'observation_space'")
     refused(changed(content, data="[" * 100_000), "not a Stable-Baselines3 model")
-    refused(changed(content, policy=b"\x80\x04."), "no plain weights")
+    refused(changed(content, **{WEIGHTS: b"\x80\x04."}), "no plain weights")
 
 
 def test_a_class_that_is_not_installed_is_named(recipe):
@@ -157,10 +148,8 @@ def test_a_class_that_is_not_installed_is_named(recipe):
 
 def test_weights_must_fit_the_settings(recipe):
     _, content = recipe
-    other = saved(make("SAC", StillEnvironment(5), net_arch=[32]))
-    with zipfile.ZipFile(io.BytesIO(other)) as archive:
-        weights = archive.read("policy.pth")
-    refused(changed(content, policy=weights), "do not fit")
+    other = members(saved(make("SAC", StillEnvironment(5), net_arch=[32])))
+    refused(changed(content, **{WEIGHTS: other[WEIGHTS]}), "do not fit")
 
 
 def test_other_spaces_are_refused():

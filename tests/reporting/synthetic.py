@@ -149,17 +149,6 @@ def with_shapes(run: Played) -> Played:
     return replace(run, header=header, records=tuple(records))
 
 
-def without_success(run: Played, split: str) -> Played:
-    """Turn every success on one split into a failure at the step limit."""
-    records = (
-        replace(record, outcome=Outcome.STEP_LIMIT)
-        if record.spec.split == split and record.outcome is Outcome.SUCCESS
-        else record
-        for record in run.records
-    )
-    return replace(run, records=tuple(records))
-
-
 def save(run: Played, name: str = "a-run") -> Run:
     return parse_run(run_json(measured(run, name)), name)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
@@ -23,6 +22,7 @@ from minitouch_bench.reporting.report import (
     to_html,
     write_views,
 )
+from tests.comparison.pairs import shown
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.html_page import Page
 from tests.reporting.synthetic import make_run, save, with_shapes, write
@@ -34,13 +34,6 @@ LATEX = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%
 @pytest.fixture(scope="module")
 def page(hac, scripted) -> str:
     return to_html(build_report([hac, scripted], [Video("pushing 3", "videos/pushing_3.mp4")]))
-
-
-def on_screen(report, width=200):
-    console = Console(width=width)
-    with console.capture() as captured:
-        show_report(report, console)
-    return captured.get()
 
 
 @pytest.mark.parametrize("before", [(), ("opening",)])  # a first run that shares no task with them
@@ -95,17 +88,10 @@ def test_the_page_is_whole_and_loads_nothing_from_anywhere(page):
     assert "default-src 'none'" in page
 
 
-def test_values_labels_and_every_episode_are_on_the_page(page, hac):
+def test_values_the_protocol_and_videos_are_on_the_page(page, hac):
     pushing = next(task for task in hac.summary.tasks if task.task == "pushing")
-    for text in (
-        f"{pushing.estimates['success'].value:.3f}",
-        "unofficial: 5 of 100 episodes",
-        "reads the simulator&#39;s state",
-        "act() gave NaN in element 2 of 4",
-        hac.header.protocol_digest,
-        "minitouch-bench evaluate checkpoints/hac-seed1.safetensors",
-        'src="videos/pushing_3.mp4"',
-    ):
+    value = f"{pushing.estimates['success'].value:.3f}"
+    for text in (value, hac.header.protocol_digest, 'src="videos/pushing_3.mp4"'):
         assert text in page
 
 
@@ -127,7 +113,7 @@ def test_hostile_text_is_only_text_in_every_form(hostile):
     for run in (hostile, save(replace(shaped, records=tuple(records)), "x")):
         report = build_report([run])
         forms = {name: write(report) for name, write in TABLE_FORMATS.items()}
-        forms |= {"page": to_html(report), "screen": on_screen(report)}
+        forms |= {"page": to_html(report), "screen": shown(show_report, report)}
         for text in forms.values():
             assert "\u202e" not in text
             assert "\x1b[31m" not in text

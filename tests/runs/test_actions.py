@@ -11,6 +11,7 @@ from minitouch_bench.episode import EpisodeSpec, Role
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.runs.actions import ENTRY_MARK, parse_actions, write_actions
+from tests.archives import zipped
 from tests.reporting.synthetic import make_run
 
 RECORDS = make_run(tasks=("pushing", "opening"), episodes=2).records
@@ -62,8 +63,7 @@ MORE_THAN_THERE_IS = b"{'descr': '<f4', 'fortran_order': False, 'shape': (100000
 def test_a_false_header_is_refused_and_takes_no_memory(tmp_path):
     text = MORE_THAN_THERE_IS.ljust(117)
     header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text + b"\n"
-    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w") as archive:
-        archive.writestr("pushing/0.npy", header + bytes(64))
+    (tmp_path / ACTIONS_FILE).write_bytes(zipped({"pushing/0.npy": header + bytes(64)}))
     with pytest.raises(RunDirectoryError, match="damaged"):
         read_actions(tmp_path, SPECS)
 
@@ -86,9 +86,7 @@ def test_a_file_that_is_cut_or_debris_is_refused(tmp_path):
 def test_an_array_that_is_longer_than_it_declares_is_not_unpacked(tmp_path):
     whole = io.BytesIO()
     np.save(whole, np.zeros(64 * 2**20, np.uint8))
-    with zipfile.ZipFile(tmp_path / ACTIONS_FILE, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("pushing/0.npy", whole.getvalue())
-    content = bytearray((tmp_path / ACTIONS_FILE).read_bytes())
+    content = bytearray(zipped({"pushing/0.npy": whole.getvalue()}, zipfile.ZIP_DEFLATED))
     for size in (22, content.index(ENTRY_MARK) + 24):
         content[size : size + 4] = (200_000).to_bytes(4, "little")
     (tmp_path / ACTIONS_FILE).write_bytes(content)

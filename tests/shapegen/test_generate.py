@@ -12,15 +12,13 @@ from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_se
 from tests.shapegen.conftest import entry_of
 
 
-def stand_in(task: tuple[int, int]) -> tuple[dict[str, object], bytes]:
-    """Answer as a generator would, from the canonical set."""
-    return entry_of(task[1]), canonical_shape_set().shapes[task[1]].record()
-
-
 @pytest.fixture
 def _instant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answer as a generator would, from the canonical set."""
+    shapes = canonical_shape_set().shapes
+
     def answer(_: object, tasks: list[tuple[int, int]], *__: int, **___: object) -> object:
-        return ((i, stand_in(task)) for i, task in enumerate(tasks))
+        return ((i, (entry_of(n), shapes[n].record())) for i, (_, n) in enumerate(tasks))
 
     monkeypatch.setattr(generating, "run_in_workers", answer)
 

@@ -16,16 +16,6 @@ from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
 
 
-def test_the_canonical_set_is_the_promised_one() -> None:
-    shapes = canonical_shape_set()
-    assert len(shapes.shapes) == 1000
-    assert len(shapes.split("train")) == 800
-    assert len(shapes.split("held-out")) == 200
-    assert shapes.by_name("shape-0042").name == "shape-0042"
-    assert len(shapes.digest) == 64
-    assert canonical_shape_set() is shapes
-
-
 def test_the_canonical_bytes_are_the_manifests() -> None:
     for shape in canonical_shape_set().shapes:
         body = shape.body()

@@ -4,7 +4,7 @@ import pybullet
 import pytest
 
 from benchmarks.panda_meshes import write_panda, write_portrait
-from minitouch_bench.protocol.minitouch import PROTOCOL, CabinetSpec, CubeSpec
+from minitouch_bench.protocol.minitouch import OPENING
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,
@@ -12,13 +12,8 @@ from minitouch_bench.simulation.bodies import (
     PANDA,
     PORTRAIT_PANDA,
     add_table,
-    cabinet_urdf,
-    cube_urdf,
 )
-
-TABLE_TOP_M = PROTOCOL.physics.table_top
-
-CABINET = CabinetSpec()
+from minitouch_bench.tasks.task import Opening
 
 
 @pytest.fixture
@@ -29,9 +24,10 @@ def client(client):
 
 @pytest.fixture
 def cabinet(client):
-    body = client.load_urdf(cabinet_urdf(CABINET), (0.76, 0.0, 0.0), fixed=True)
-    client.set_joint_friction(body, DOOR_JOINT, CABINET.hinge_friction)
-    return body
+    task = Opening()
+    task.position = (0.76, 0.0)
+    task.add_scenery(client)
+    return task.target_body
 
 
 def angle_after_a_second(client, cabinet, torque):
@@ -51,7 +47,7 @@ def test_the_hinge_holds_against_less_than_its_friction_and_gives_way_to_more(cl
 def test_the_door_stops_at_its_range(client, cabinet):
     for _ in range(3):
         angle = angle_after_a_second(client, cabinet, 5.0)
-    assert angle == pytest.approx(CABINET.max_angle, abs=0.02)
+    assert angle == pytest.approx(OPENING.cabinet.max_angle, abs=0.02)
 
 
 def test_the_door_swings_free_of_its_body(client, cabinet):
@@ -73,19 +69,6 @@ def test_the_door_weighs_and_measures_as_specified(client, cabinet):
     assert low[0] < 0.76 - 0.02
     assert low[2] < 0.10
     assert high[2] > 0.15
-
-
-def test_a_cube_rests_on_its_side_where_it_is_put(client):
-    body = client.load_urdf(
-        cube_urdf(CubeSpec(0.05, 50.0)), (0.5, 0.1, TABLE_TOP_M + 0.025), inertia_from_file=True
-    )
-    before = client.pose(body).position
-    for _ in range(240):
-        client.step()
-    assert math.dist(before, client.pose(body).position) < 1e-3
-    dynamics = pybullet.getDynamicsInfo(body, -1, physicsClientId=client._id)
-    assert dynamics[:2] == (50.0, 1.0)
-    assert dynamics[2] == pytest.approx([50.0 * 0.05**2 / 6] * 3)
 
 
 def test_the_committed_panda_is_made_from_the_installed_panda(tmp_path):

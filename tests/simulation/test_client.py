@@ -6,10 +6,8 @@ from minitouch_bench.protocol.minitouch import CubeSpec
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation import client as simulator
 from minitouch_bench.simulation.bodies import add_table, cube_urdf
-from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View, quaternion_from_euler
+from minitouch_bench.simulation.client import PhysicsClient, View, quaternion_from_euler
 from minitouch_bench.simulation.observation import seen_on_plane
-
-RED = (1.0, 0.0, 0.0, 1.0)
 
 
 def drop(client):
@@ -29,35 +27,6 @@ def test_a_world_built_anew_gives_the_same_bits(client):
     other = PhysicsClient()
     assert drop(other) == first == drop(client)
     other.close()
-
-
-def test_a_tick_is_a_240th_of_a_second(client):
-    body = client.load_urdf(cube_urdf(CubeSpec(0.05, 0.3)), (0.0, 0.0, 10.0))
-    for _ in range(24):
-        client.step()
-    linear, angular = client.speed(body)
-    assert linear == pytest.approx(0.98, rel=0.01)
-    assert angular == 0.0
-
-
-def test_paint_hides_and_shows(client):
-    body = client.add_ghost_box((0.2, 0.2, 0.2), (0, 0, 0), RED)
-    view = View.of(CameraSpec((0.0, 0.0, 0.0), yaw=0.0, pitch=-60.0, near=0.1, distance=1.0))
-    shown = client.render(view, 32, 24)
-    assert (shown.rgb.shape, shown.depth.shape) == ((24, 32, 3), (24, 32))
-    assert shown.depth.min() < 1.0
-    client.paint({(body, -1): INVISIBLE})
-    assert client.render(view, 32, 24).depth.min() == 1.0
-    client.paint({(body, -1): RED})
-    assert np.array_equal(client.render(view, 32, 24).rgb, shown.rgb)
-
-
-def test_a_ghost_is_never_touched(client):
-    ghost = client.add_ghost_box((0.1, 0.1, 0.1), (0, 0, 0), RED)
-    body = client.load_urdf(cube_urdf(CubeSpec(0.05, 0.3)))
-    client.step()
-    assert client.contacts(ghost, body) == []
-    assert not client.overlapping(ghost, body, 0.01)
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.policies.scripted import make_controller
-from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation.bodies import add_table
-from minitouch_bench.simulation.client import View
-from minitouch_bench.simulation.observation import (
-    FORCES,
-    OPENINGS,
-    POSITION,
-    GrayCamera,
-    read_touch,
-)
+from minitouch_bench.simulation.observation import FORCES, OPENINGS, POSITION, read_touch
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -44,24 +35,3 @@ def test_a_press_is_felt_and_clipped(environment):
     assert np.abs(forces).max() == 3.0
     environment.reset(seed=1)
     assert np.abs(read_touch(environment.arm, 50.0)[FORCES]).max() == 0.0
-
-
-ABOVE = CameraSpec((0.5, 0.0, 0.0), yaw=0.0, pitch=-89.0, near=0.05, distance=0.7)
-
-
-def scene(client):
-    client.reset_world()
-    table = add_table(client)
-    thing = client.add_ghost_box((0.03,) * 3, (0.5, 0.0, 0.03), (0.2, 0.9, 0.1, 1.0))
-    return table, thing
-
-
-def test_the_picture_is_grey_with_the_weights_of_the_eye(client):
-    table, _ = scene(client)
-    rgb = client.render(View.of(ABOVE), 84, 84).rgb.astype(float)
-    camera = GrayCamera(ABOVE)
-    camera.keep_background(client, table, [])
-    picture = camera.capture(client)
-    assert (picture.shape, picture.dtype) == ((1, 84, 84), np.uint8)
-    grey = rgb @ (0.2989, 0.5870, 0.1140)
-    assert np.abs(picture[0] - grey).max() <= 0.6

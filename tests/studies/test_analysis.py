@@ -8,7 +8,7 @@ from experiments.analysis import STUDIES, analyze, read_rows, write_results
 from experiments.claims import detectable_shift, judge_claims
 from experiments.grid import FILES, KEY, check_lock, read_design
 from experiments.touch import analysis as touch
-from tests.docs.test_links import DOCS
+from tests.altered import DOCS
 
 DESIGNS = {file.stem: file for file in sorted(STUDIES.glob("*.toml"))} | {"touch": touch.DESIGN}
 RESULTS = (DOCS / "results" / "reproduction.md").read_text()

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -14,9 +13,9 @@ import pytest
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
 from experiments.row import collect, join_arm
+from tests.altered import ROOT
 from tests.process_tree import descendants, is_alive, wait_until
 
-ROOT = Path(__file__).parents[2]
 DESIGN = """
 tasks = ["playing", "opening"]
 methods = ["hac", "rnd"]

@@ -46,18 +46,14 @@ def release(task):
         yield dict(zip(COLUMNS, row, strict=True))
 
 
-def touches_object(environment):
-    arm, target = environment.arm.body, environment.task.target_body
-    return bool(environment.client.contacts(arm, target))
-
-
 def test_the_arm_follows_the_release_until_it_touches(environment):
     task = environment.task.spec.name
     environment.reset(seed=0)
     size, followed = environment.action_space.shape[0], 0
     for action, step in zip(TRACES["actions"], release(task), strict=True):
         observation, *_, info = environment.step(action[:size].astype(np.float32))
-        if info["contact_ticks"] or step["finger_object_contacts"] or touches_object(environment):
+        touched = environment.client.contacts(environment.arm.body, environment.task.target_body)
+        if info["contact_ticks"] or step["finger_object_contacts"] or touched:
             break
         theirs = [step[f"end_{axis}"] for axis in "xyz"]
         assert math.dist(environment.arm.position, theirs) < DRIFT_M.get(task, 1.1e-3)

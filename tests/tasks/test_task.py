@@ -3,11 +3,10 @@ import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import CubeSpec
-from minitouch_bench.protocol.spec import Workspace
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from minitouch_bench.tasks.task import cube_model, draw_position
+from minitouch_bench.tasks.task import cube_model
 from tests.shapegen.conftest import subset
 
 CUBE = cube_model(CubeSpec(0.05, 1.0))
@@ -39,13 +38,3 @@ def test_a_set_of_one_s_own_is_drawn_from(tmp_path):
 def test_what_is_no_object_is_named(objects):
     with pytest.raises(UsageError):
         MiniTouchEnv("pick-up", objects=objects)
-
-
-SPACE = Workspace((0.5, -0.2, 0.0), (0.7, 0.2, 0.1))
-
-
-def test_drawn_places_keep_the_margin_and_come_from_the_generator():
-    places = [draw_position(SPACE, np.random.default_rng(seed), 0.05) for seed in range(100)]
-    assert np.all(np.array(places) >= (0.55, -0.15))
-    assert np.all(np.array(places) <= (0.65, 0.15))
-    assert draw_position(SPACE, np.random.default_rng(7), 0.05) == places[7]

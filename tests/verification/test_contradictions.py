@@ -47,7 +47,6 @@ def test_an_honest_episode_of_any_length_passes_at_both_ends(steps):
         ({"touch_interaction": 5}, "touch_steps is 0, not 1 to 5"),
         ({"touch_interaction": 5}, "first_touch_tick is None, not 0 to 1999"),
         ({"first_touch_tick": 3}, "first_touch_tick is 3, not None"),
-        ({"touch_variance": -1.0}, "touch_variance is -1, not 0 or more"),
         ({"object_movement": math.nan}, "object_movement is nan"),
     ],
 )

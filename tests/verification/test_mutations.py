@@ -1,22 +1,16 @@
 """Nothing that is spoiled makes a reader hang, fail, take memory, or touch a user's file."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.altered import ROOT
+from tests.process_tree import run_python
 
 
 def problems(kind: str, seed: int, count: int) -> list[str]:
-    command = [sys.executable, "-W", "ignore", "-m", "tests.verification.mutations"]
-    options = [kind, str(seed), str(count)]
-    done = subprocess.run(
-        [*command, *options], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
-    )
-    return json.loads(done.stdout)
+    command = ("-W", "ignore", "-m", "tests.verification.mutations")
+    return json.loads(run_python(*command, kind, seed, count, cwd=ROOT).stdout)
 
 
 @pytest.mark.parametrize(("kind", "count"), [("run", 50), ("submission", 10)])

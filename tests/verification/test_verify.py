@@ -5,7 +5,7 @@ from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.runs.run import read_run
-from tests.altered import edit_actions, edit_document
+from tests.altered import edit_actions, edit_document, nudge, swap
 from tests.evaluation.runs import Here
 from tests.verification.conftest import verify_run
 
@@ -98,19 +98,10 @@ def test_nothing_else_of_the_document_can_be_edited(copy, change, place):
     assert any(found.startswith(place) for found in places(copy))
 
 
-def swap(actions):
-    actions["pushing/0"], actions["pushing/1"] = actions["pushing/1"], actions["pushing/0"]
-
-
-def nudge(actions):
-    step = actions["opening/1"][3]
-    step[0] = np.nextafter(step[0], np.float32(0))
-
-
 @pytest.mark.parametrize(
     ("change", "place"),
     [
-        (swap, "actions.npz, pushing/0"),
+        (swap, "actions.npz, opening/0"),
         (nudge, "opening/1"),
         (lambda a: a.pop("exploration/opening/0"), "actions.npz"),
     ],

@@ -24,6 +24,7 @@ from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import PolicyProcess, isolate, try_policy
 from minitouch_bench.policies.sources import ENTRY_MARK, parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits
+from tests.archives import members, zipped
 from tests.policies.recipes import run_recipes
 from tests.policies.test_policy import onnx_bytes
 
@@ -99,19 +100,6 @@ def refused(policy, directory, kind, content, match=None):
     assert len(str(caught.value)) < 600
 
 
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {info.filename: archive.read(info) for info in archive.infolist()}
-
-
-def zipped(contents, method=zipfile.ZIP_STORED):
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
-        for name, content in contents.items():
-            archive.writestr(name, content)
-    return buffer.getvalue()
-
-
 def test_every_format_gives_the_same_bits_in_the_sandbox_and_out(files, observation):
     for path in files.values():
         actions = []
@@ -185,7 +173,7 @@ def singing(files):
     """Return a zip that calls a function when its policy class is unpickled."""
 
     def make(deed):
-        contents = members(files["sb3"])
+        contents = members(files["sb3"].read_bytes())
         settings = json.loads(contents["data"])
         song = base64.b64encode(cloudpickle.dumps(deed)).decode()
         settings["policy_class"] = {":type:": "", ":serialized:": song}
@@ -226,7 +214,7 @@ def test_the_same_pickle_writes_where_nothing_holds_it(singing, tmp_path):
 
 
 def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, files, tmp_path):
-    contents = members(files["torch.export"])
+    contents = members(files["torch.export"].read_bytes())
     (configuration,) = [name for name in contents if name.endswith("model_weights_config.json")]
     weights = json.loads(contents[configuration])
     first = next(iter(weights["config"].values()))

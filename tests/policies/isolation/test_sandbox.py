@@ -2,8 +2,6 @@
 
 import os
 import struct
-import subprocess
-import sys
 
 import pytest
 
@@ -15,6 +13,7 @@ from minitouch_bench.policies.process import InProcessPolicy, effective_level, i
 from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
+from tests.process_tree import run_python
 
 ROOMY = 2**33, 60
 """Bytes of memory and seconds of processor time."""
@@ -32,14 +31,6 @@ kernel.install_filter([
 os.execv(sys.executable, [sys.executable, "-m", "minitouch_bench", *sys.argv[3:]])
 """
 """A kernel without a call, or without one option of it; then the command line."""
-
-
-def evaluate_without(call, argument, directory, *options):
-    command = [sys.executable, "-c", WITHOUT, str(call), str(argument), "evaluate", "zero"]
-    settings = ["--tasks", "pushing", "--episodes", "1", "--workers", "1", "--output", directory]
-    return subprocess.run(
-        [*command, *settings, *options], capture_output=True, text=True, check=False
-    )
 
 
 def test_the_sandbox_holds_on_this_machine():
@@ -61,8 +52,8 @@ def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="the call's number is of x86_64")
 def test_without_seccomp_the_policy_is_refused(tmp_path):
-    done = evaluate_without(157, 22, str(tmp_path / "run"))
-    assert done.returncode == 3
+    options = ("--tasks", "pushing", "--episodes", 1, "--workers", 1, "--output", tmp_path / "run")
+    done = run_python("-c", WITHOUT, 157, 22, "evaluate", "zero", *options, code=3)
     assert "refused a part of it" in done.stderr
 
 
