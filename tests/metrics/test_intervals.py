@@ -104,7 +104,6 @@ def test_bootstrap_covers_the_truth_of_skewed_episodes(draw):
         truth = np.mean([make(rng).mean() for _ in range(40_000)])
     estimates = [bootstrap_mean(make(rng), rng, resamples=1000) for _ in range(2000)]
     covered = np.mean([e.low <= truth <= e.high for e in estimates])
-    print(f"{draw}: {covered:.3f}")
     assert least <= covered <= 0.97
 
 
