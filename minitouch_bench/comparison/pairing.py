@@ -77,12 +77,16 @@ def _rules(run: Run, tasks: Sequence[str]) -> str:
 
 
 def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
-    return {
-        episode_key(role, episode.task, episode.index): episode
+    rows = [
+        (episode_key(role, episode.task, episode.index), episode)
         for role, episodes in run.by_role()
         for episode in episodes
         if episode.task not in left_out
-    }
+    ]
+    by_key = dict(rows)
+    if not 0 < len(rows) == len(by_key):
+        raise UsageError(f"'{plain_line(run.name, 80)}' holds no episodes, or one of them twice")
+    return by_key
 
 
 def are_identical(first: Run, second: Run, pairs: Pairs) -> bool:

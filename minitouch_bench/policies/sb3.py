@@ -32,6 +32,7 @@ ON_POLICY = "gae_lambda"
 """A setting of PPO and A2C alone."""
 
 LEAST_FORCE_LIMIT = min(task.force_limit for task in PROTOCOL.tasks)
+"""The smallest bound (N) of the forces in any task's observation space."""
 
 SETTINGS = {
     "policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space",

@@ -26,7 +26,7 @@ LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
 
 LINE_UNIT = 16 * files.KIB
-"""An episode's line has this length: a policy can see the file's size, and so their number only."""
+"""Length of an episode's line: the file's size, which a policy can see, tells only their number."""
 
 CONSEQUENCES = {"task_digests", "official", "unofficial_because"}
 """Facts of a header that follow from its others."""

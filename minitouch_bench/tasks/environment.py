@@ -159,7 +159,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return None if self.render_mode is None else self.picture()
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return a picture of the scene for people, uint8 (height, width, 3)."""
+        """Return an image of the scene for human viewers, uint8 (height, width, 3)."""
         if self._renderer is None:
             self._renderer = HumanRenderer(*self._size)
         return self._renderer.picture(self.task, self.client)

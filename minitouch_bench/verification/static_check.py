@@ -217,8 +217,9 @@ def _isolation_mistake(header: RunHeader) -> str:
 
 def _episodes(run: Run) -> Iterator[Problem]:
     """Compare the rows of both roles with the episodes of the plan, in their order."""
+    specs = run.header.specs()
     for role, rows in run.by_role():
-        planned = [spec for spec in run.header.specs() if spec.role is role]
+        planned = [spec for spec in specs if spec.role is role]
         pairs = zip_longest(map(IDENTITY, planned), map(IDENTITY, rows))
         if other := next((spec or row for spec, row in pairs if spec != row), None):
             what = "from here the episodes are not the suite's, in its order, seeds and shapes"
@@ -227,7 +228,7 @@ def _episodes(run: Run) -> Iterator[Problem]:
 
 
 def _rows(run: Run) -> Iterator[Problem]:
-    """Yield what no episode can be; the same kind of contradiction a few times."""
+    """Yield the first NAMED episodes that contradict themselves."""
     bad = ((spec, next(contradictions(row), "")) for spec, row in run.specs_and_rows())
     found = (Problem(spec.key, what, AS_WRITTEN) for spec, what in bad if what)
     yield from islice(found, NAMED)
