@@ -14,8 +14,8 @@
     │       ├── PolicyExitError         its process ended
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
-    │   ├── PolicyKilledError       5   a policy's process was killed from outside
-    │   └── CheckpointChangedError  5   a policy's file changed after the evaluation began
+    │   └── PolicyKilledError       5   a policy's process was killed from outside
+    ├── CheckpointChangedError      5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── OutOfMemoryError            5   a policy's process was killed while it used much memory
     ├── HopelessRunError            5   its first episodes are all policy faults
@@ -101,8 +101,10 @@ class PolicyKilledError(InfrastructureError):
     """The policy's process was killed by a SIGKILL that was not ours, as where memory ran out."""
 
 
-class CheckpointChangedError(InfrastructureError):
+class CheckpointChangedError(MiniTouchError):
     """A policy's file is another one than when the evaluation began, or cannot be read now."""
+
+    exit_code = 5
 
 
 class IncompleteCheckError(MiniTouchError):

@@ -209,7 +209,7 @@ def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: C
 
 @contextmanager
 def resumable(directory: Path | None) -> Iterator[None]:
-    """Tell the user of an interrupted run how to continue it, or how to replace a hopeless one.
+    """Tell the user of an interrupted run how to continue it, or how to replace it.
 
     A file that cannot be written, as on a full disk, interrupts one too.
     """
@@ -225,6 +225,11 @@ def resumable(directory: Path | None) -> Iterator[None]:
         yield
     except errors.HopelessRunError as error:
         raise errors.HopelessRunError(f"{error}\n{repeat}") from error
+    except errors.CheckpointChangedError as error:
+        if directory is not None:
+            advice = f"What is done is kept in {directory}: --resume continues with the old file, "
+            advice += "--fresh begins again with the new one."
+        raise errors.CheckpointChangedError(f"{error}\n{advice}") from error
     except errors.OutOfMemoryError as error:
         raise errors.OutOfMemoryError(f"{error}\n{advice}") from error
     except (errors.InfrastructureError, errors.RunDirectoryError) as error:

@@ -173,7 +173,7 @@ def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
         return runner.run(spec)
     except errors.OutOfMemoryError as error:
         raise errors.OutOfMemoryError(f"episode {spec.key}: {error}") from error
-    except errors.InfrastructureError:
+    except (errors.CheckpointChangedError, errors.InfrastructureError):
         raise
     except Exception as error:
         raise errors.InfrastructureError(f"{type(error).__name__}: {error}") from error

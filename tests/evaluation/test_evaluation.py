@@ -4,9 +4,14 @@ import pytest
 
 from minitouch_bench.api import evaluate
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import HopelessRunError, InfrastructureError, RunDirectoryError
+from minitouch_bench.errors import (
+    CheckpointChangedError,
+    HopelessRunError,
+    InfrastructureError,
+    RunDirectoryError,
+)
 from minitouch_bench.evaluation.engine import Callbacks
-from minitouch_bench.evaluation.execution import header_of, open_run, run_name
+from minitouch_bench.evaluation.execution import header_of, open_run, resumable, run_name
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
@@ -149,6 +154,18 @@ def test_after_ten_faults_the_corrected_policy_is_to_be_played_again(tmp_path, o
         evaluate(Hopeless(), tasks="opening", episodes=11, workers=1, output=directory)
     assert ("with --fresh; or --resume" in str(ended.value)) is (output is not None)
     assert "kept" not in str(ended.value)
+
+
+def test_a_checkpoint_that_changes_ends_the_run_at_its_first_use(tmp_path):
+    file, directory = tmp_path / "policy.onnx", tmp_path / "run"
+    file.write_bytes(b"old")
+    wanted = request(str(file), ("opening",), 1)
+    file.write_bytes(b"new")
+    advice = "--resume continues with the old file, --fresh begins again with the new one."
+    with pytest.raises(CheckpointChangedError) as ended, resumable(directory):
+        run(wanted, directory)
+    kept = f"What is done is kept in {directory}: {advice}"
+    assert str(ended.value) == f"{file} was changed since this evaluation began\n{kept}"
 
 
 class Backwards(LocalEngine):
