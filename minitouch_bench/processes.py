@@ -7,6 +7,7 @@ program's main module, which a script without a guard would not survive.
 
 import contextlib
 import ctypes
+import math
 import os
 import pickle
 import platform
@@ -20,6 +21,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import cloudpickle
@@ -112,10 +114,26 @@ def keep_freed_memory() -> None:
 
 
 def core_count() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS
+    """Return how many cores this process may use, at least 1: by its affinity and its quota."""
+    has_affinity = hasattr(os, "sched_getaffinity")  # not on macOS
+    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
+    return max(1, math.ceil(min(cores, cpu_quota())))
+
+
+def cpu_quota(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> float:
+    """Return the smallest CPU quota of this process's control groups (version 2), in cores.
+
+    A container's limit, as of ``docker --cpus``, is one: all cores are in its affinity. Infinite
+    where there is none.
+    """
+    quotas = [math.inf]
+    with contextlib.suppress(OSError):
+        group = next((x[3:] for x in own.read_text().splitlines() if x.startswith("0::")), "/")
+        for folder in ((path := root / group.strip("/")), *path.parents):
+            with contextlib.suppress(OSError, ValueError):  # "max" is no number
+                quota, period = map(float, (folder / "cpu.max").read_text().split())
+                quotas.append(quota / period)
+    return min(quotas)
 
 
 def watch(pid: int) -> int:

@@ -1,3 +1,4 @@
+import math
 import os
 import platform
 import signal
@@ -9,7 +10,12 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.processes import ARITHMETIC, interrupts_held, run_in_workers
+from minitouch_bench.processes import (
+    ARITHMETIC,
+    cpu_quota,
+    interrupts_held,
+    run_in_workers,
+)
 from tests.process_tree import is_alive, run_python, wait_until
 
 SINES = """
@@ -35,6 +41,23 @@ def test_numpy_heeds_them_without_a_word(monkeypatch):
         newer = "avx512f" in file.read()
     if newer:  # else the settings are what this processor does anyway
         assert results[0].stdout != results[2].stdout
+
+
+@pytest.mark.parametrize(
+    ("limits", "cores"),
+    [
+        ({}, math.inf),
+        ({"pod/box": "max 100000"}, math.inf),
+        ({"pod/box": "max 100000", "pod": "350000 100000", ".": "400000 100000"}, 3.5),
+        ({"pod/box": "50000 100000", "pod": "350000 100000"}, 0.5),
+    ],
+)
+def test_a_container_s_quota_limits_the_cores(tmp_path, limits, cores):
+    (own := tmp_path / "own").write_text("4:memory:/elsewhere\n0::/pod/box\n")
+    (tmp_path / "root/pod/box").mkdir(parents=True)
+    for group, limit in limits.items():
+        (tmp_path / "root" / group / "cpu.max").write_text(f"{limit}\n")
+    assert cpu_quota(tmp_path / "root", own) == cores
 
 
 # Workers: these functions run in them, and files tell one process from the next.
