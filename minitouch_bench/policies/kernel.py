@@ -29,7 +29,7 @@ MAX_DESCRIPTORS = 64
 MAX_TASKS = 4096
 """Processes and threads of the user, all in all; does not bind root."""
 
-CAPSET = {"x86_64": 126, "aarch64": 91}
+CAPSET = 126
 CAPABILITY_VERSION_3 = 0x20080522
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -88,11 +88,11 @@ def be_first_to_go() -> None:
         file.write("1000")
 
 
-def drop_capabilities(machine: str) -> None:
+def drop_capabilities() -> None:
     """Give up what root can do beyond its own files; nothing to others."""
     header = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION_3, 0)
     none = (ctypes.c_uint32 * 6)()
-    system_call(CAPSET[machine], ctypes.byref(header), ctypes.byref(none))
+    system_call(CAPSET, ctypes.byref(header), ctypes.byref(none))
 
 
 def close_others(kept: tuple[int, ...]) -> None:
@@ -176,32 +176,24 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
             os.close(parent)
 
 
-ARCHITECTURES = ("x86_64", "aarch64")
-
 CALLS = Path(__file__).with_name("system_calls.csv")
 """The calls of the filter; the file says which are allowed always, and which are judged."""
 
 
-def read_calls(how: str) -> Mapping[str, tuple[int | None, ...]]:
-    """Return the numbers of the calls that are "allowed" or "judged", by architecture.
-
-    A number is None where an architecture has no such call.
-    """
+def read_calls(how: str) -> Mapping[str, int]:
+    """Return the numbers of the calls that are "allowed" or "judged"."""
     lines = (line for line in CALLS.read_text("utf-8").splitlines() if not line.startswith("#"))
-    return {
-        row["name"]: tuple(int(row[name]) if row[name] else None for name in ARCHITECTURES)
-        for row in csv.DictReader(lines)
-        if row["how"] == how
-    }
+    rows = csv.DictReader(lines)
+    return {row["name"]: int(row["number"]) for row in rows if row["how"] == how}
 
 
 ALLOWED, JUDGED = read_calls("allowed"), read_calls("judged")
 
 FIRST_UNKNOWN = 450
-"""From this number on, a call is younger than this table, on both architectures."""
+"""From this number on, a call is younger than this table."""
 
 
-AUDIT_ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
+AUDIT_ARCH = 0xC000003E
 X32_BIT = 0x40000000
 SECCOMP_MODE_FILTER = 2
 
@@ -243,23 +235,20 @@ GRANTED: list[Instruction] = [(RETURN, 0, 0, ALLOW)]
 DENIED: list[Instruction] = [(RETURN, 0, 0, ERRNO | errno.EPERM)]
 
 
-def make_filter(machine: str, pid: int, *, threads: bool) -> list[Instruction]:
+def make_filter(pid: int, *, threads: bool) -> list[Instruction]:
     """Return the filter for a process."""
-    column = ARCHITECTURES.index(machine)
     program = [
         *_load(ARCHITECTURE_AT),
-        (IF_EQUAL, 1, 0, AUDIT_ARCH[machine]),
+        (IF_EQUAL, 1, 0, AUDIT_ARCH),
         *_answer(KILL_PROCESS),
         *_load(NUMBER_AT),
+        (IF_AT_LEAST, 0, 1, X32_BIT),
+        *_answer(KILL_PROCESS),
     ]
-    if machine == "x86_64":
-        program += [(IF_AT_LEAST, 0, 1, X32_BIT), *_answer(KILL_PROCESS)]
-    for numbers in ALLOWED.values():
-        if (number := numbers[column]) is not None:
-            program += [(IF_EQUAL, 0, 1, number), *GRANTED]
+    for number in ALLOWED.values():
+        program += [(IF_EQUAL, 0, 1, number), *GRANTED]
     for name, block in _judgments(pid, threads=threads).items():
-        if (number := JUDGED[name][column]) is not None:
-            program += [(IF_EQUAL, 0, len(block), number), *block]
+        program += [(IF_EQUAL, 0, len(block), JUDGED[name]), *block]
     program += [(IF_AT_LEAST, 0, 1, FIRST_UNKNOWN), *_answer(ERRNO | errno.ENOSYS)]
     return program + DENIED
 

@@ -8,7 +8,6 @@ import os
 import platform
 import site
 import socket
-import struct
 import sys
 import sysconfig
 import tempfile
@@ -21,7 +20,7 @@ from typing import NamedTuple, NoReturn
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
 from minitouch_bench.policies import kernel
-from minitouch_bench.policies.kernel import ARCHITECTURES, NEITHER_READ_NOR_WRITE
+from minitouch_bench.policies.kernel import NEITHER_READ_NOR_WRITE
 from minitouch_bench.processes import ARITHMETIC, die_with
 
 READABLE = (
@@ -149,7 +148,6 @@ it was left."""
 class Sandbox:
     """What a process needs to confine itself; ``ruleset`` is a descriptor of Landlock's."""
 
-    machine: str
     abi: int
     ruleset: int
     memory_bytes: int
@@ -167,11 +165,10 @@ class Sandbox:
             del os.environ[name]
         kernel.close_others((*kept, self.ruleset))
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
-        kernel.drop_capabilities(self.machine)
+        kernel.drop_capabilities()
         kernel.restrict_self(self.ruleset, self.abi)
         os.close(self.ruleset)
-        program = kernel.make_filter(self.machine, os.getpid(), threads=self.threads)
-        kernel.install_filter(program)
+        kernel.install_filter(kernel.make_filter(os.getpid(), threads=self.threads))
 
 
 def prepare(
@@ -184,11 +181,9 @@ def prepare(
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.
     """
-    machine = platform.machine()
-    if platform.system() != "Linux":
-        raise _unavailable("it needs Linux")
-    if machine not in ARCHITECTURES or struct.calcsize("P") != 8:
-        raise _unavailable(f"it knows {' and '.join(ARCHITECTURES)} in 64 bits, not {machine}")
+    is_64_bit = sys.maxsize > 2**32
+    if platform.system() != "Linux" or platform.machine() != "x86_64" or not is_64_bit:
+        raise _unavailable("it needs Linux on x86-64")
     abi = kernel.supported_abi()
     if abi == 0:
         raise _unavailable(
@@ -200,7 +195,7 @@ def prepare(
         ruleset = kernel.make_ruleset(abi, readable, WRITABLE, paths.listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
-    sandbox = Sandbox(machine, abi, ruleset, memory_bytes, cpu_s, threads)
+    sandbox = Sandbox(abi, ruleset, memory_bytes, cpu_s, threads)
     kernel.be_first_to_go()  # children inherit it
     check_holds(sandbox)
     return sandbox
@@ -263,9 +258,7 @@ ESCAPES: Mapping[str, Callable[[str], object]] = {
     "start a process": lambda _: _fork(),
     "start a program": lambda _: os.execv("/proc/self/exe", ["x", "-c", ""]),
     "signal another process": lambda _: os.kill(os.getppid(), 0),
-    "trace another process": lambda _: kernel.system_call(
-        {"x86_64": 101, "aarch64": 117}[platform.machine()], 16, os.getppid(), 0, 0
-    ),
+    "trace another process": lambda _: kernel.system_call(101, 16, os.getppid(), 0, 0),
     "write a file": lambda file: os.open(file, os.O_WRONLY),
     "empty a file": lambda file: os.open(file, NEITHER_READ_NOR_WRITE | os.O_TRUNC),
 }
