@@ -204,10 +204,10 @@ def replace_file(path: Path, content: bytes, *, durable: bool = True) -> None:
         raise
 
 
-def append_bytes(path: Path, content: bytes, *, durable: bool = False) -> None:
+def append_bytes(path: Path, content: bytes) -> None:
     """Add to the end of a plain file that has no other name, and create it if need be.
 
-    What is ``durable`` survives a loss of the machine's power too.
+    It survives a loss of the machine's power.
 
     Raises:
         RunDirectoryError: it cannot be written, or is something else.
@@ -216,9 +216,8 @@ def append_bytes(path: Path, content: bytes, *, durable: bool = False) -> None:
         handle = open_plain(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         with os.fdopen(handle, "ab") as file:
             file.write(content)
-            if durable:
-                file.flush()
-                os.fsync(handle)
+            file.flush()
+            os.fsync(handle)
 
 
 def make_folder(path: Path) -> Path:

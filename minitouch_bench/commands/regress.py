@@ -112,7 +112,7 @@ def regress(
     from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.reporting.report import write_views
-    from minitouch_bench.runs.run import Run, read_run
+    from minitouch_bench.runs.run import Run, read_run, run_digest
     from minitouch_bench.verification.static_check import refuse_edited
 
     allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
@@ -127,7 +127,8 @@ def regress(
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
-            before = gate.without_exploration(before)
+            digest = run_digest(before.header, before.rows)
+            before = replace(before, digest=digest, exploration_rows=())
         gate.judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)

@@ -31,7 +31,7 @@ from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, Share, 
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
-from minitouch_bench.runs.run import Run, RunHeader, run_digest
+from minitouch_bench.runs.run import Run, RunHeader
 
 SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
 """The levels that a gate can have. A test at a smaller level finds nothing: with a level of 1e-9
@@ -238,12 +238,6 @@ def judge_runs(
     )
 
 
-def without_exploration(run: Run) -> Run:
-    """Return a run with its final episodes alone, and their digest."""
-    digest = run_digest(run.header, run.rows)
-    return replace(run, digest=digest, exploration_rows=())
-
-
 def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
     """Refuse a candidate that was not played by the baseline's rules, in each of its tasks.
 
@@ -275,8 +269,6 @@ def endpoint_values(pairs: Pairs, tasks: Sequence[str], settings: GateSettings) 
     Raises:
         UsageError: there are none, or the tasks have unequal numbers of episodes.
     """
-    if not tasks:
-        raise UsageError("nothing to judge: the baseline has no estimates")
     goals = [task for task in tasks if task in GOAL_TASKS]
     name = settings.metric or ranking_metric((goals or list(tasks))[0])
     metric = METRICS[name]

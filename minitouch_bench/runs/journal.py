@@ -112,7 +112,7 @@ class Journal:
                 record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays
             )
             content = b"\n" + _as_line(line, LINE_UNIT)
-            files.append_bytes(self.directory / files.JOURNAL_FILE, content, durable=True)
+            files.append_bytes(self.directory / files.JOURNAL_FILE, content)
         self.records[record.spec] = record
 
     def remove(self) -> None:
