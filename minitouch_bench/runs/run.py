@@ -225,7 +225,7 @@ class Run:
         title = f"{self.header.policy.name} on {self.plan.suite}, {label}"
         if self.faults:
             key, text = next(iter(self.faults.items()))
-            title += f"; {len(self.faults)} policy fault(s), the first in {key}: {text}"
+            title += f"; policy faults: {len(self.faults)}, the first in {key}: {text}"
         return "\n\n".join([printable(title), *(str(one) for one in self.summary.tasks)])
 
     def _repr_html_(self) -> str:
@@ -234,7 +234,7 @@ class Run:
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"
         policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
-        faults = f", {len(self.faults)} policy fault(s)" if self.faults else ""
+        faults = f", policy faults: {len(self.faults)}" if self.faults else ""
         return f"<Run of {policy} on {suite}, {label}{faults}: {tasks}>"
 
     def by_role(self) -> tuple[tuple[Role, tuple[Episode, ...]], ...]:

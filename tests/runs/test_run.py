@@ -64,7 +64,7 @@ def test_documents_follow_the_schema_and_read_back(run):
 
 def test_a_run_reads_back_from_its_directory_or_its_file(tmp_path):
     run = write(make_run(episodes=4, faults=1), tmp_path / "a")
-    assert "1 policy fault(s), the first in pushing/0: act() gave NaN" in str(run)
+    assert "policy faults: 1, the first in pushing/0: act() gave NaN" in str(run)
     assert (run.name, run.directory) == ("a", tmp_path / "a")
     assert run.content == (tmp_path / "a" / "run.json").read_bytes() == run_json(run)
     assert read_run(tmp_path / "a" / "run.json") == run
