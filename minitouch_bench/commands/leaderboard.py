@@ -54,8 +54,7 @@ def validate(
             found = validation.fetch_references(found)
         if prove and found.passed:
             with episode_progress() as callbacks, opening as engine:
-                callbacks.phase("proof", proving.count_episodes(found))
-                found = proving.prove(found, engine, callbacks.episode)
+                found = proving.prove(found, engine, callbacks)
         results.append(found)
         print_problems(found.name, filter(None, (found.error, *found.problems)))
         if found.withdrawn:

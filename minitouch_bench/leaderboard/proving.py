@@ -1,21 +1,38 @@
 """Prove one submission as a maintainer does, and write what was proved.
 
-Its actions are replayed, and sampled and fresh episodes are run with its checkpoints.
+Its actions are replayed, and sampled and fresh episodes are run with its checkpoints. This can take
+hours, so what is done of a proof is kept: after an interruption the same command continues.
 """
 
+import hashlib
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, PolicyIdentity, Role
-from minitouch_bench.errors import IncompleteCheckError, MiniTouchError, RunDirectoryError
-from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.errors import (
+    IncompleteCheckError,
+    InterruptedRunError,
+    MiniTouchError,
+    RunDirectoryError,
+)
+from minitouch_bench.evaluation.engine import SILENT, Callbacks, Engine
+from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.files import os_errors_as, write_file
-from minitouch_bench.json_io import write_json
+from minitouch_bench.files import (
+    cache_directory,
+    cache_errors,
+    os_errors_as,
+    read_file,
+    replace_file,
+    write_file,
+)
+from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.leaderboard.proof import (
     MIN_FRESH_EPISODES,
     FreshProof,
@@ -48,21 +65,37 @@ TIME_LIMIT_S = 5 * 3600.0
 """How long a proof may take: a policy may use minutes in each episode."""
 
 
-def count_episodes(found: SubmissionFindings) -> int:
-    """Return how many episodes a proof plays."""
-    count = 0
-    for run in found.runs.values():
-        count += len(run.header.specs())
-        if can_be_run(found.runs):
-            count += RERUN_EPISODES * len(run.header.policies())
-            count += len(fresh_specs(run, FRESH_EPISODES, 0))
-    return count
+@dataclass(frozen=True)
+class FreshRun:
+    """What the fresh episodes of a run gave: by role and task what ranks; and the faults."""
+
+    values: tuple[tuple[Role, str, Values], ...]
+    faults: tuple[str, ...]
+
+
+@dataclass
+class DonePart:
+    """What of a proof is done, by the places of runs: those without a difference.
+
+    It is kept in the user's cache, where no submission and no policy in the sandbox can write.
+    """
+
+    draw: str = field(default_factory=lambda: secrets.token_hex(16))
+    replayed: list[str] = field(default_factory=list)
+    reran: list[str] = field(default_factory=list)
+    fresh: dict[str, FreshRun] = field(default_factory=dict)
+
+    @staticmethod
+    def path(files: Mapping[str, str], *numbers: int) -> Path:
+        """Return where it is kept for these files, these packages and ``numbers`` of episodes."""
+        about = write_json((files, package_versions(), numbers))
+        return cache_directory() / "proofs" / f"{hashlib.sha256(about).hexdigest()}.json"
 
 
 def prove(
     found: SubmissionFindings,
     engine: Engine,
-    on_record: Callable[[PlayedEpisode], None] = lambda _: None,
+    callbacks: Callbacks = SILENT,
     *,
     rerun: int = RERUN_EPISODES,
     fresh: int = FRESH_EPISODES,
@@ -74,8 +107,16 @@ def prove(
     each policy of each run. ``fresh``: so many new ones per task of each run; fewer than
     MIN_FRESH_EPISODES give no level. Where the check cannot be finished, ``error`` of the result
     says why, and what was replayed is proved.
+
+    Raises:
+        InterruptedRunError: Ctrl-C.
     """
-    prover = Prover(found, engine, on_record)
+    kept = DonePart.path(found.files, rerun, fresh)
+    done = DonePart()
+    with suppress(OSError, RunDirectoryError):
+        done = read_json(read_file(kept), DonePart, str(kept))
+    prover = Prover(found, engine, callbacks.episode, done=done, kept=kept)
+    callbacks.phase("proof", prover.count_episodes(rerun, fresh))
     level, played = ProofLevel.SELF_REPORTED, None
     error: MiniTouchError | None = None
     try:
@@ -84,10 +125,15 @@ def prove(
         if can_be_run(found.runs) and not prover.problems:
             prover.run_again(rerun)
         if can_be_run(found.runs) and not prover.problems:
-            played = prover.run_fresh(fresh, secrets.token_hex(16))
+            played = prover.run_fresh(fresh, done.draw)
             level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
+    except KeyboardInterrupt as caught:
+        raise InterruptedRunError("interrupted\nThe same command continues.") from caught
     except MiniTouchError as caught:  # what differs counts all the same
         error = IncompleteCheckError(str(caught))
+    if error is None:
+        with suppress(OSError):
+            kept.unlink()
     found = replace(found, problems=tuple(prover.problems), error=error)
     path = proof_path(found.directory)
     is_verified = level is ProofLevel.VERIFIED
@@ -116,15 +162,13 @@ def fresh_specs(run: Run, count: int, seed: int) -> tuple[EpisodeSpec, ...]:
     return plan.specs(exploration=run.header.exploration is not None)
 
 
-def _values(
-    run: Run, records: Sequence[PlayedEpisode]
-) -> Iterator[tuple[tuple[Role, str], Values]]:
+def _values(run: Run, records: Sequence[PlayedEpisode]) -> Iterator[tuple[Role, str, Values]]:
     """Yield by role and task what ranks: officially, and in fresh episodes."""
     official = dict(run.by_role())
     for role, task in dict.fromkeys((one.spec.role, one.spec.task) for one in records):
         known = [row for row in official[role] if row.task == task]
         rows = [measure(one) for one in records if (one.spec.role, one.spec.task) == (role, task)]
-        yield (role, task), Values.of(task, known, rows)
+        yield role, task, Values.of(task, known, rows)
 
 
 @dataclass
@@ -132,7 +176,8 @@ class Prover:
     """Plays the episodes that prove a submission; each difference is added to ``problems``.
 
     ``on_record`` takes each episode that was played; ``rng`` draws those that are run again. No
-    more is played ``time_limit_s`` after the prover was made.
+    more is played ``time_limit_s`` after the prover was made. What is ``done`` is not played, and
+    more of it is written to the file ``kept``, if there is one.
     """
 
     found: SubmissionFindings
@@ -141,17 +186,31 @@ class Prover:
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     time_limit_s: float = TIME_LIMIT_S
     problems: Problems = field(default_factory=Problems)
+    done: DonePart = field(default_factory=DonePart)
+    kept: Path | None = None
 
     def __post_init__(self) -> None:
         self._end = time.monotonic() + self.time_limit_s
 
+    def count_episodes(self, rerun: int, fresh: int) -> int:
+        """Return how many episodes are left to play."""
+        count = sum(len(run.header.specs()) for _, _, run in self._runs(self.done.replayed))
+        if can_be_run(self.found.runs):
+            left = self._runs(self.done.reran)
+            count += sum(rerun * len(run.header.policies()) for _, _, run in left)
+            left = self._runs(self.done.fresh)
+            count += sum(len(fresh_specs(run, fresh, 0)) for _, _, run in left)
+        return count
+
     def replay(self) -> None:
         """Replay the actions of every run. No checkpoint is opened."""
-        for _, place, run in self._runs():
+        for _, place, run in self._runs(self.done.replayed):
             with self.problems.caught(place):
                 found = replay_check.replay_run(run, self.engine, self._take)
                 remedy = "the recorded actions do not give these values"
                 self.problems.add_below(place, found.problems, remedy)
+            self.done.replayed.append(place)
+            self._keep()
 
     def run_again(self, count: int) -> None:
         """Run ``count`` drawn episodes of each policy of each run, held in the sandbox.
@@ -159,13 +218,15 @@ class Prover:
         Raises:
             IncompleteCheckError: see ``replay_check.run_again``.
         """
-        for seed, place, run in self._runs():
+        for seed, place, run in self._runs(self.done.reran):
             with self.problems.caught(place):
                 setup = self._setup(seed, run)
                 specs = replay_check.draw_episodes(run, count, self.rng)
                 found = replay_check.run_again(run, setup, specs, self.engine, self._take)
                 remedy = "the checkpoint does not act as recorded"
                 self.problems.add_below(place, found.problems, remedy)
+            self.done.reran.append(place)
+            self._keep()
 
     def run_fresh(self, count: int, draw: str) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
@@ -176,24 +237,31 @@ class Prover:
         Raises:
             IncompleteCheckError: the time is up.
         """
-        seeds: dict[str, int] = {}
-        results: dict[str, tuple[FreshResult, ...]] = {}
-        groups: dict[Group, list[Values]] = {}
-        failed: list[str] = []
-        for seed, place, run in self._runs():
-            seeds[place] = fresh_seed(run.header.policy.digest, draw)
+        runs = {place: run for _, place, run in self._runs()}
+        seeds = {place: fresh_seed(run.header.policy.digest, draw) for place, run in runs.items()}
+        for seed, place, run in self._runs(self.done.fresh):
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
                 setup = self._setup(seed, run)
                 records = [*replay_check.play_all(setup, specs, self.engine, self._take).values()]
-                failed += (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
-                values = dict(_values(run, records))
-                results[place] = tuple(compare_fresh(one, *key) for key, one in values.items())
-                for (role, task), one in values.items():
-                    groups.setdefault((role, run.plan.suite, task), []).append(one)
-        if not self.problems:
-            self._add_drops(results, groups, failed)
-        return FreshProof(draw, count, seeds, results)
+                failed = (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
+                self.done.fresh[place] = FreshRun(tuple(_values(run, records)), tuple(failed))
+            self._keep()
+        return FreshProof(draw, count, seeds, {} if self.problems else self._compare_fresh(runs))
+
+    def _compare_fresh(self, runs: Mapping[str, Run]) -> dict[str, tuple[FreshResult, ...]]:
+        """Compare the fresh episodes of all runs with the official ones; add what drops."""
+        results: dict[str, tuple[FreshResult, ...]] = {}
+        groups: dict[Group, list[Values]] = {}
+        failed: list[str] = []
+        for place, run in runs.items():
+            played = self.done.fresh[place]
+            failed += played.faults
+            results[place] = tuple(compare_fresh(one, role, of) for role, of, one in played.values)
+            for role, task, one in played.values:
+                groups.setdefault((role, run.plan.suite, task), []).append(one)
+        self._add_drops(results, groups, failed)
+        return results
 
     def _add_drops(
         self,
@@ -217,11 +285,19 @@ class Prover:
             what = f"{len(failed)} fresh episodes end by a policy fault; the first: {failed[0]}"
             self.problems.add("", what, "a fault is a failed episode, as in every run")
 
-    def _runs(self) -> Iterator[tuple[TrainingSeed, str, Run]]:
-        """Walk through the runs, each with its training seed and its place."""
+    def _runs(self, done: Collection[str] = ()) -> Iterator[tuple[TrainingSeed, str, Run]]:
+        """Walk through the runs that are not done, each with its training seed and its place."""
         for seed in self.found.submission.seeds:
             for place in seed.runs.values():
-                yield seed, place, self.found.runs[place]
+                if place not in done:
+                    yield seed, place, self.found.runs[place]
+
+    def _keep(self) -> None:
+        """Keep what is done, as long as nothing differs."""
+        if self.kept is not None and not self.problems:
+            with cache_errors(self.kept.parent):
+                self.kept.parent.mkdir(parents=True, exist_ok=True)
+                replace_file(self.kept, write_json(self.done))
 
     def _take(self, record: PlayedEpisode) -> None:
         """Pass an episode on.
@@ -231,7 +307,8 @@ class Prover:
         """
         self.on_record(record)
         if time.monotonic() > self._end:
-            raise IncompleteCheckError(f"the proof was not finished within {self.time_limit_s:g} s")
+            what = f"the proof was not finished within {self.time_limit_s:g} s"
+            raise IncompleteCheckError(f"{what}; the same command continues")
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         """Find a run's policies in the submission.

@@ -9,10 +9,11 @@ import pytest
 import torch
 
 from minitouch_bench.episode import Outcome, Role
-from minitouch_bench.errors import IncompleteCheckError, IsolationError
+from minitouch_bench.errors import IncompleteCheckError, InterruptedRunError, IsolationError
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
-from minitouch_bench.files import write_file
+from minitouch_bench.files import VARIABLE, write_file
 from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import proving
 from minitouch_bench.leaderboard.proof import (
@@ -44,7 +45,8 @@ def finished(tmp_path_factory):
 
 
 @pytest.fixture
-def found(finished, tmp_path):
+def found(finished, tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
     directory = tmp_path / "submissions" / "scripted"
     place = directory / PLACE
     place.mkdir(parents=True)
@@ -179,7 +181,7 @@ def test_each_checkpoint_of_a_directory_is_run_again_in_its_own_task(tmp_path):
 def test_a_server_s_or_a_class_s_policy_is_replayed_at_most(found, kind):
     """The address in a stranger's run is not contacted, and no class of it is imported."""
     remote = with_policy(found, kind=kind, source="http://127.0.0.1:1")
-    assert proving.count_episodes(remote) == 2
+    assert prover(remote).count_episodes(20, 50) == 2
     done = prove(remote, Here())
     assert (done.passed, done.level) == (True, REPLAYED)
     assert level_of(remote.runs, fresh_proof(remote, [PLACE], 50)) is REPLAYED
@@ -192,6 +194,54 @@ def test_a_submission_is_proved(found):
     assert proof == done.proof
     assert (proof.rerun_episodes, proof.fresh.episodes_per_task) == (1, 20)
     assert proof.fresh.results[PLACE][0].fresh == 1.0
+
+
+class InterruptedEngine(FailingEngine):
+    """An engine that is interrupted when it is to play so many more lists of episodes."""
+
+    def __init__(self, lists):
+        super().__init__(set())
+        self.lists = lists
+
+    def run(self, source, specs):
+        if len(self.times) == self.lists:
+            raise KeyboardInterrupt
+        yield from super().run(source, specs)
+
+
+def test_an_interrupted_proof_continues_where_it_was(found, tmp_path):
+    for lists in (0, 2):  # nothing, then the recorded episodes and one that is run again
+        with pytest.raises(InterruptedRunError, match="The same command continues"):
+            prove(found, InterruptedEngine(lists), rerun=1, fresh=20)
+    (kept,) = (tmp_path / "cache" / "proofs").iterdir()
+    draw, phases = json.loads(kept.read_bytes())["draw"], []
+    engine = FailingEngine(set())
+    callbacks = Callbacks(phase=lambda *phase: phases.append(phase))
+    done = prove(found, engine, callbacks, rerun=1, fresh=20)
+    assert (engine.times, phases) == ([20], [("proof", 20)])
+    assert (done.level, done.proof.fresh.draw) == (VERIFIED, draw)
+    assert not kept.exists()
+
+
+def interrupted_after_its_replay(found):
+    engine = InterruptedEngine(1)
+    with pytest.raises(InterruptedRunError):
+        prove(found, engine, rerun=2, fresh=1)
+    return engine
+
+
+def test_no_part_of_a_proof_is_used_for_other_files(found):
+    interrupted_after_its_replay(found)
+    other = dataclasses.replace(found, files={"submission.toml": "0" * 64})
+    assert interrupted_after_its_replay(other).times == [2]
+
+
+def test_no_part_of_a_proof_is_kept_where_something_differs(found):
+    interrupted_after_its_replay(found)
+    assert prove(found, FailingEngine({"opening/1"}), rerun=2, fresh=1).problems
+    engine = FailingEngine(set())
+    prove(found, engine, rerun=2, fresh=1)
+    assert engine.times == [2, 2, 1]
 
 
 # Proofs
