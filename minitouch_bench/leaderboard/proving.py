@@ -131,7 +131,7 @@ def prove(
         raise InterruptedRunError("interrupted\nThe same command continues.") from caught
     except MiniTouchError as caught:  # what differs counts all the same
         error = IncompleteCheckError(str(caught))
-    if error is None:
+    if error is None or prover.problems:
         with suppress(OSError):
             kept.unlink()
     found = replace(found, problems=tuple(prover.problems), error=error)

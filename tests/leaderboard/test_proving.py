@@ -341,8 +341,9 @@ def differs_and_ends(prover, _):
 
 
 @pytest.mark.parametrize("step", [differs, differs_and_ends])
-def test_what_differs_withdraws_an_older_proof(found, monkeypatch, step):
+def test_what_differs_withdraws_an_older_proof(found, monkeypatch, step, tmp_path):
     done = proved(found, monkeypatch, step)
+    assert not [*(tmp_path / "cache" / "proofs").iterdir()]
     assert (done.withdrawn, done.level) == (VERIFIED, ProofLevel.SELF_REPORTED)
     assert (done.problems[0].what, done.error is None) == ("it differs", step is differs)
     assert read_proof(proof_path(found.directory)) is None
