@@ -210,9 +210,16 @@ class InterruptedEngine(FailingEngine):
 
 
 def test_an_interrupted_proof_continues_where_it_was(found, tmp_path):
-    for lists in (0, 2):  # nothing, then the recorded episodes and one that is run again
+    places = {"table4": PLACE, "novel-shapes": "seed-0/novel-shapes"}
+    seeds = (dataclasses.replace(found.submission.seeds[0], runs=places),)
+    submission = dataclasses.replace(found.submission, seeds=seeds)
+    runs = dict.fromkeys(places.values(), found.runs[PLACE])
+    found = dataclasses.replace(found, submission=submission, runs=runs)
+    for lists, played in ((1, [2]), (2, [2, 1]), (2, [1, 20])):  # of six: twice 2, 1 and 20
+        engine = InterruptedEngine(lists)
         with pytest.raises(InterruptedRunError, match="The same command continues"):
-            prove(found, InterruptedEngine(lists), rerun=1, fresh=20)
+            prove(found, engine, rerun=1, fresh=20)
+        assert engine.times == played
     (kept,) = (tmp_path / "cache" / "proofs").iterdir()
     draw, phases = json.loads(kept.read_bytes())["draw"], []
     engine = FailingEngine(set())
