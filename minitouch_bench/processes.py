@@ -123,8 +123,8 @@ def core_count() -> int:
 def cpu_quota(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> float:
     """Return the smallest CPU quota of this process's control groups (version 2), in cores.
 
-    A container's limit, as of ``docker --cpus``, is one: all cores are in its affinity. Infinite
-    where there is none.
+    The limit of a container, as of ``docker --cpus``, is such a quota; its affinity has all cores.
+    Infinite where there is no quota.
     """
     quotas = [math.inf]
     with contextlib.suppress(OSError):

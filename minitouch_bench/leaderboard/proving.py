@@ -75,9 +75,10 @@ class FreshRun:
 
 @dataclass
 class DonePart:
-    """What of a proof is done, by the places of runs: those without a difference.
+    """What of a proof is done, by the places of the runs in which nothing differs.
 
-    It is kept in the user's cache, where no submission and no policy in the sandbox can write.
+    ``draw``: of its fresh episodes. What is done is kept in the user's cache, where no submission
+    and no policy in the sandbox can write.
     """
 
     draw: str = field(default_factory=lambda: secrets.token_hex(16))
@@ -125,7 +126,7 @@ def prove(
         if can_be_run(found.runs) and not prover.problems:
             prover.run_again(rerun)
         if can_be_run(found.runs) and not prover.problems:
-            played = prover.run_fresh(fresh, done.draw)
+            played = prover.run_fresh(fresh)
             level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
     except KeyboardInterrupt as caught:
         raise InterruptedRunError("interrupted\nThe same command continues.") from caught
@@ -228,7 +229,7 @@ class Prover:
             self.done.reran.append(place)
             self._keep()
 
-    def run_fresh(self, count: int, draw: str) -> FreshProof:
+    def run_fresh(self, count: int) -> FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
         A significant drop is a problem. An episode that ends by a policy fault is a failed one; to
@@ -238,6 +239,7 @@ class Prover:
             IncompleteCheckError: the time is up.
         """
         runs = {place: run for _, place, run in self._runs()}
+        draw = self.done.draw
         seeds = {place: fresh_seed(run.header.policy.digest, draw) for place, run in runs.items()}
         for seed, place, run in self._runs(self.done.fresh):
             with self.problems.caught(place):

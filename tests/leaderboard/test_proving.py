@@ -26,7 +26,7 @@ from minitouch_bench.leaderboard.proof import (
     proof_path,
     read_proof,
 )
-from minitouch_bench.leaderboard.proving import Prover, prove
+from minitouch_bench.leaderboard.proving import DonePart, Prover, prove
 from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
@@ -56,7 +56,8 @@ def found(finished, tmp_path, monkeypatch):
 
 
 def prover(found, engine=None):
-    return Prover(found, engine or Here(), rng=np.random.default_rng(3))
+    done = DonePart("a phrase")
+    return Prover(found, engine or Here(), rng=np.random.default_rng(3), done=done)
 
 
 @pytest.mark.parametrize("change", [swap, nudge])
@@ -121,7 +122,7 @@ def with_twenty(found):
 
 def test_failing_on_purpose_in_unknown_scenes_is_a_drop(found):
     checking = prover(with_twenty(found), FailingEngine({"all"}))
-    checking.run_fresh(4, "a phrase")
+    checking.run_fresh(4)
     assert "4 fresh episodes end by a policy fault" in str([*checking.problems][-1])
 
 
@@ -135,7 +136,7 @@ def test_the_order_in_which_fresh_episodes_end_changes_nothing(found, monkeypatc
     tested = []
     monkeypatch.setattr(proving, "drop_together", tested.append)
     for engine in (FailingEngine({"opening/0"}), BackwardsEngine({"opening/0"})):
-        prover(found, engine).run_fresh(3, "a phrase")
+        prover(found, engine).run_fresh(3)
     assert [*tested[0].values()] == [[Values((1.0, 1.0), (0.0, 1.0, 1.0))]]
     assert tested[0] == tested[1]
 

@@ -6,7 +6,7 @@ import torch
 
 from minitouch_bench.episode import Role
 from minitouch_bench.leaderboard.proof import fresh_seed
-from minitouch_bench.leaderboard.proving import Prover
+from minitouch_bench.leaderboard.proving import DonePart, Prover
 from minitouch_bench.leaderboard.submission import ALL_TASKS, checkpoint_place
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.evaluation.runs import Here, run
@@ -77,8 +77,8 @@ def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found)
 
 
 def test_fresh_episodes_tell(found):
-    prover = Prover(found, Here())
-    fresh = prover.run_fresh(FRESH, "a phrase")
+    prover = Prover(found, Here(), done=DonePart("a phrase"))
+    fresh = prover.run_fresh(FRESH)
     (problem,) = prover.problems
     assert "pushing: success 1.000 officially" in str(problem)
     assert "fits the official episodes" in str(problem)
