@@ -31,13 +31,18 @@ from minitouch_bench.policies.policy import (
 )
 
 
-def make_policy(factory: Callable[..., Policy], deterministic: bool) -> Policy:
-    """Call a factory; its parameter ``deterministic``, if any, says not to sample."""
+def make_policy(factory: Callable[..., object], deterministic: bool) -> Policy:
+    """Call a factory; its parameter ``deterministic``, if any, says not to sample.
+
+    Raises:
+        PolicyLoadError: what it makes is not a policy.
+    """
     try:
         asks = "deterministic" in inspect.signature(factory).parameters
     except ValueError:  # some built-in callables have no signature to look at
         asks = False
-    return factory(deterministic=deterministic) if asks else factory()
+    made = factory(deterministic=deterministic) if asks else factory()
+    return _as_policy(_acting_part(made), deterministic)
 
 
 def load_factory(source: PolicySource) -> Policy:
@@ -51,10 +56,7 @@ def load_factory(source: PolicySource) -> Policy:
     factory = look_up(source.target)
     if not callable(factory):
         raise PolicyLoadError("it cannot be called to make a policy")
-    policy = make_policy(factory, source.deterministic)
-    if not callable(getattr(policy, "act", None)):
-        raise PolicyLoadError("what it makes has no act()")
-    return policy if callable(getattr(policy, "reset", None)) else ObjectPolicy(policy)
+    return make_policy(factory, source.deterministic)
 
 
 CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
@@ -91,7 +93,7 @@ def keep_in_memory(policy: object) -> PolicySource:
         PolicyLoadError: it is not a policy, or cannot be copied.
     """
     try:
-        content = cloudpickle.dumps(_without_training(policy))
+        content = cloudpickle.dumps(_acting_part(policy))
     except PolicyLoadError:
         raise
     except Exception as error:  # whatever an object raises when it is pickled
@@ -106,23 +108,15 @@ def keep_in_memory(policy: object) -> PolicySource:
 
 def load_object(source: PolicySource) -> Policy:
     """Return a new copy of the object as a policy."""
-    policy = pickle.loads(source.content)
-    if _has_act(policy):
-        return ObjectPolicy(policy)
-    if hasattr(policy, "predict"):
-        from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
-
-        return Sb3Policy(policy, source.deterministic)
-    from torch.jit import ScriptModule  # noqa: PLC0415
-
-    from minitouch_bench.policies.torch_programs import ModulePolicy, find_script_memory  # noqa: PLC0415
-
-    is_script = isinstance(policy, ScriptModule)
-    return ModulePolicy(policy, find_script_memory(policy) if is_script else "")
+    return _as_policy(pickle.loads(source.content), source.deterministic)
 
 
-def _without_training(policy: object) -> object:
-    """Return what acts: of a model of Stable-Baselines3 its policy, on the CPU as any module."""
+def _acting_part(policy: object) -> Any:
+    """Return what acts: of a model of Stable-Baselines3 its policy; a module as a copy on the CPU.
+
+    Raises:
+        PolicyLoadError: it is neither of them and has no ``act``.
+    """
     if _has_act(policy):
         return policy
     module = policy
@@ -139,6 +133,21 @@ def _without_training(policy: object) -> object:
         )
     # Not deepcopy, which refuses what a trained PPO keeps of its last gradient.
     return pickle.loads(cloudpickle.dumps(module)).cpu().eval()
+
+
+def _as_policy(acting: Any, deterministic: bool) -> Policy:
+    if _has_act(acting):
+        return ObjectPolicy(acting)
+    if hasattr(acting, "predict"):
+        from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
+
+        return Sb3Policy(acting, deterministic)
+    from torch.jit import ScriptModule  # noqa: PLC0415
+
+    from minitouch_bench.policies.torch_programs import ModulePolicy, find_script_memory  # noqa: PLC0415
+
+    is_script = isinstance(acting, ScriptModule)
+    return ModulePolicy(acting, find_script_memory(acting) if is_script else "")
 
 
 def _has_act(policy: object) -> bool:

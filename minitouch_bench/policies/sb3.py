@@ -16,7 +16,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyLoadError, plain_line
+from minitouch_bench.errors import PolicyLoadError, describe, plain_line
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
@@ -78,6 +78,7 @@ def load_sb3(source: PolicySource) -> Sb3Policy:
 
     Raises:
         PolicyLoadError: no such zip, another observation, or weights of another network.
+        PolicyLoadError: it needs a module that is not in an installed package.
         MissingExtraError: stable_baselines3 is not installed.
     """
     try:
@@ -86,6 +87,11 @@ def load_sb3(source: PolicySource) -> Sb3Policy:
         policy = _build(_open_settings(settings), weights)
     except (zipfile.BadZipFile, LookupError, ValueError, RecursionError) as error:
         raise PolicyLoadError(f"not a Stable-Baselines3 model: {error}") from error
+    except (ImportError, PermissionError) as error:
+        raise PolicyLoadError(
+            f"it needs a module that no installed package has ({describe(error)}): call "
+            "cloudpickle.register_pickle_by_value(MODULE) before model.save()"
+        ) from error
     return Sb3Policy(policy, source.deterministic)
 
 

@@ -222,7 +222,7 @@ def test_loading_and_reset_have_a_deadline(bad, monkeypatch, seed, error, text):
     [
         ("raising_factory", "RuntimeError: no weights here"),
         ("exiting_factory", "exited with code 7: cannot start"),
-        ("not_a_policy", "has no act"),
+        ("not_a_policy", "dict is not a policy"),
         ("claiming_factory", "UNCONFINED is not an answer to LOAD"),
         ("missing", "cannot be imported"),
     ],

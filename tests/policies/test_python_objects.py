@@ -9,7 +9,7 @@ import torch
 from minitouch_bench.errors import PolicyFaultError, PolicyRaisedError
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import isolate
-from minitouch_bench.policies.python_objects import keep_in_memory, load_object
+from minitouch_bench.policies.python_objects import keep_in_memory, load_object, make_policy
 from minitouch_bench.policies.sources import parse_source
 
 BUGS = """
@@ -60,8 +60,20 @@ def test_a_fault_names_the_line_of_the_policy_at_every_level(tmp_path, monkeypat
 
 
 class Narrow(torch.nn.Module):
+    rows = 12
+
     def forward(self, image, touch):
-        return touch @ torch.zeros(12, 4)
+        return touch @ torch.zeros(self.rows, 4)
+
+
+class Right(Narrow):
+    rows = 11
+
+
+def test_a_factory_can_make_a_torch_module(observation):
+    policy = make_policy(Right, deterministic=True)
+    policy.reset(0, "pushing")
+    assert policy.act(observation).tolist() == [[0.0] * 4]
 
 
 def test_a_fault_names_the_line_of_a_module_in_memory(observation):

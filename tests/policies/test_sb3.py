@@ -1,8 +1,11 @@
 import base64
+import importlib
 import io
 import json
+import sys
 import warnings
 
+import cloudpickle
 import numpy as np
 import pytest
 import torch
@@ -102,6 +105,24 @@ def test_every_algorithm_is_rebuilt(algorithm, settings, observation):
     model = make(algorithm, **settings, features_extractor_kwargs={"cnn_output_dim": 16})
     wanted, _ = model.predict(observation, deterministic=True)
     assert np.array_equal(load(saved(model)).act(observation), wanted)
+
+
+def test_a_module_of_its_own_is_saved_in_the_zip(tmp_path, monkeypatch, observation):
+    text = "from stable_baselines3.common.torch_layers import CombinedExtractor\n"
+    (tmp_path / "own_layers.py").write_text(f"{text}class Own(CombinedExtractor):\n    pass\n")
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        module = importlib.import_module("own_layers")
+        model = make("SAC", features_extractor_class=module.Own, net_arch=[8])
+        wanted, _ = model.predict(observation, deterministic=True)
+        named = saved(model)
+        cloudpickle.register_pickle_by_value(module)
+        whole = saved(model)
+        cloudpickle.unregister_pickle_by_value(module)
+    monkeypatch.delitem(sys.modules, "own_layers")
+    with pytest.raises(PolicyLoadError, match=r"own_layers.*register_pickle_by_value"):
+        load(named)
+    assert np.array_equal(load(whole).act(observation), wanted)
 
 
 def test_exploration_samples_from_the_seed(recipe, observation):
