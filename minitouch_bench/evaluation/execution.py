@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -86,12 +86,17 @@ def open_run(
         return Journal(header)
     if fresh:
         files.clear_run(directory)
-    if fresh or not files.holds_run(directory):
+    if not files.holds_run(directory):
         if not fresh:
             _check_empty(directory)
         return Journal.begin(header, package_versions(), directory)
+    done: Journal | Run
     try:
-        done = _read_done(header, directory)
+        if (directory / files.RUN_FILE).exists():
+            done = read_run(directory)
+            check_same(header, done.header, directory)
+        else:
+            done = Journal.resume(header, package_versions(), directory)
     except errors.RunDirectoryError as error:
         advice = "Replace it with --fresh, or choose another --output"
         raise type(error)(f"{error}.\n{advice}") from error
@@ -104,14 +109,6 @@ def open_run(
     if isinstance(done, Run):
         Journal(header, directory).remove()  # a crash after the last file left it
     return done
-
-
-def _read_done(header: RunHeader, directory: Path) -> Journal | Run:
-    if not (directory / files.RUN_FILE).exists():
-        return Journal.resume(header, package_versions(), directory)
-    run = read_run(directory)
-    check_same(header, run.header, directory)
-    return run
 
 
 def _check_empty(directory: Path) -> None:
@@ -133,8 +130,7 @@ def play_missing(
     """Play the episodes that are missing, and return the whole run.
 
     The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
-    ``actions.npz`` and
-    ``forces.csv`` are written there at the end.
+    ``actions.npz`` and ``forces.csv`` are written there at the end.
 
     Raises:
         InfrastructureError: the run is incomplete; what is done is kept.
@@ -153,7 +149,10 @@ def play_missing(
         journal.keep(record)
         on_record(record)
         if record.spec in first and all(spec in records for spec in first):
-            _refuse_hopeless([records[spec] for spec in first])
+            played = [records[spec] for spec in first]
+            if all(one.outcome is Outcome.POLICY_FAULT for one in played):
+                text = f"the first {len(first)} episodes are all policy faults: {played[0].fault}"
+                raise errors.HopelessRunError(text)
     environment = RunEnvironment(
         packages=package_versions(),
         machine=machine_facts(),
@@ -168,14 +167,6 @@ def play_missing(
         write_actions(in_order, directory)
         write_forces(run.digest, in_order, directory)
     return run
-
-
-def _refuse_hopeless(records: Sequence[PlayedEpisode]) -> None:
-    faults = [record.fault for record in records if record.outcome is Outcome.POLICY_FAULT]
-    if len(faults) == len(records):
-        raise errors.HopelessRunError(
-            f"the first {len(records)} episodes are all policy faults: {faults[0]}"
-        )
 
 
 def package_versions() -> dict[str, str]:
@@ -200,9 +191,8 @@ def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: C
         if run.directory is None:
             return run
         content = run_json(run)
-        files.write_file(
-            run.directory / files.RUN_FILE, content
-        )  # a directory with it holds a finished run
+        # A directory with it holds a finished run.
+        files.write_file(run.directory / files.RUN_FILE, content)
     opened.remove()
     return replace(run, content=content)
 
@@ -213,23 +203,20 @@ def resumable(directory: Path | None) -> Iterator[None]:
 
     A file that cannot be written, as on a full disk, interrupts one too.
     """
-    advice = (
-        "Nothing is kept: a run with an output directory could be resumed."
-        if directory is None
-        else f"What is done is kept in {directory}; the same command with --resume continues."
-    )
+    advice = changed = "Nothing is kept: a run with an output directory could be resumed."
     repeat = "Correct the policy and repeat"
     if directory is not None:
+        kept = f"What is done is kept in {directory}"
+        advice = f"{kept}; the same command with --resume continues."
+        changed = f"{kept}: --resume continues with the old file, --fresh begins again with the "
+        changed += "new one."
         repeat += " the command with --fresh; or --resume plays this same policy on"
     try:
         yield
     except errors.HopelessRunError as error:
         raise errors.HopelessRunError(f"{error}\n{repeat}") from error
     except errors.CheckpointChangedError as error:
-        if directory is not None:
-            advice = f"What is done is kept in {directory}: --resume continues with the old file, "
-            advice += "--fresh begins again with the new one."
-        raise errors.CheckpointChangedError(f"{error}\n{advice}") from error
+        raise errors.CheckpointChangedError(f"{error}\n{changed}") from error
     except errors.OutOfMemoryError as error:
         raise errors.OutOfMemoryError(f"{error}\n{advice}") from error
     except (errors.InfrastructureError, errors.RunDirectoryError) as error:
