@@ -30,13 +30,7 @@ from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
-from minitouch_bench.reporting.tables import (
-    Cell,
-    Column,
-    Table,
-    escape_md,
-    table_lines,
-)
+from minitouch_bench.reporting.tables import Cell, Column, Table, escape_md
 
 RANKED, UNRANKED, CALIBRATION, PAPER = "ranked", "unranked", "calibration", "paper"
 """Kinds of rows; only the first has ranks."""
@@ -234,10 +228,11 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
     digest = board.protocol_digest
     parts = ["# MiniTouch leaderboard", "", f"Protocol {escape_md(board.protocol)}, `{digest}`."]
     for view in shown:
-        parts += ["", f"## {view.title}", "", escape_md(view.lead), "", *table_lines(view.table())]
+        parts += ["", f"## {view.title}", "", escape_md(view.lead), ""]
+        parts += tables.table_lines(view.table())
         why = [line for line in view.lines if line.why and view.key in RANKED_BY]
         parts += ["", *(f"- **{escape_md(line.name)}**: {escape_md(line.why)}" for line in why)]
-    parts += ["", "## Submissions", "", *table_lines(_about(board))]
+    parts += ["", "## Submissions", "", *tables.table_lines(_about(board))]
     parts += _left_out("Other protocols, not ranked", board.other_protocol)
     parts += _left_out("Left out", board.refused)
     parts += ["", *(f"- {escape_md(note)}" for note in notes())]

@@ -9,18 +9,10 @@ from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import (
-    IMAGE_SHAPE,
-    RECURRENT_CLASS,
-    TO_REMEMBER,
-    TOUCH_SHAPE,
-    Observation,
-    PolicySource,
-    fits_shape,
-)
+from minitouch_bench.policies import policy
 from minitouch_bench.policies.sources import declares_too_much
 
-INPUT_SHAPES = {"image": (1, *IMAGE_SHAPE), "touch": (1, *TOUCH_SHAPE)}
+INPUT_SHAPES = {"image": (1, *policy.IMAGE_SHAPE), "touch": (1, *policy.TOUCH_SHAPE)}
 OUTPUT = "action"
 MAX_ITEM_BYTES = 16
 
@@ -35,14 +27,14 @@ class OnnxPolicy:
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the graph is loaded afresh for every episode."""
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:
+    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return the graph's output ``action``."""
         feed = {name: observation[name][np.newaxis] for name in INPUT_SHAPES}
         (action,) = self._session.run([OUTPUT], feed)
         return action
 
 
-def load_onnx(source: PolicySource) -> OnnxPolicy:
+def load_onnx(source: policy.PolicySource) -> OnnxPolicy:
     """Check a graph, then hand it to onnxruntime.
 
     Raises:
@@ -65,7 +57,7 @@ def load_onnx(source: PolicySource) -> OnnxPolicy:
     recurrent = find_recurrent(model)
     warning = recurrent and (
         f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
-        f"action to the next. {TO_REMEMBER}"
+        f"action to the next. {policy.TO_REMEMBER}"
     )
     return OnnxPolicy(session, warning)
 
@@ -76,7 +68,7 @@ def find_recurrent(model: Any) -> str:
         if node.op_type in ("GRU", "LSTM", "RNN"):
             return str(node.op_type)
         for entry in node.metadata_props:  # the classes of torch that a node comes from
-            if match := RECURRENT_CLASS.search(entry.value):
+            if match := policy.RECURRENT_CLASS.search(entry.value):
                 return match[1]
     return ""
 
@@ -105,7 +97,7 @@ def check_model(onnx: Any, model: Any) -> None:
     for name, shape in INPUT_SHAPES.items():
         tensor_type = inputs[name].type.tensor_type
         axes = [axis.dim_value or None for axis in tensor_type.shape.dim]
-        if tensor_type.elem_type != types[name] or not fits_shape(axes, shape):
+        if tensor_type.elem_type != types[name] or not policy.fits_shape(axes, shape):
             wanted = "uint8" if name == "image" else "float32"
             found = f"{onnx.TensorProto.DataType.Name(tensor_type.elem_type).lower()} {tuple(axes)}"
             raise PolicyLoadError(f"input '{name}' is {found}, not {wanted} {shape}")

@@ -28,14 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, describe, plain_line
+from minitouch_bench.policies import wire
 from minitouch_bench.policies.policy import Observation, Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
-from minitouch_bench.policies.wire import (
-    OBSERVATION_BYTES,
-    WireError,
-    pack_observation,
-    unpack_observation,
-)
 from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
 
 MAX_EPISODES = 1024
@@ -85,7 +80,7 @@ class PolicyServer(ThreadingHTTPServer):
         policy = self._episodes.get(episode)
         if policy is None:
             raise RequestError(HTTPStatus.NOT_FOUND, f"no episode {episode}")
-        action = np.asarray(policy.act(unpack_observation(body)), np.float64)
+        action = np.asarray(policy.act(wire.unpack_observation(body)), np.float64)
         return [float(number) for number in action.reshape(-1)]
 
     def end(self, episode: str) -> dict[str, Any]:
@@ -123,7 +118,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
             answer = self._answer(self._body())
         except RequestError as error:
             status, answer = error.args[0], {"error": error.args[1]}
-        except WireError as error:
+        except wire.WireError as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
         except Exception as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
@@ -138,7 +133,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
 
     def _body(self) -> bytes:
         length = self.headers.get("Content-Length") or "0"
-        if not (length.isdecimal() and int(length) <= OBSERVATION_BYTES):
+        if not (length.isdecimal() and int(length) <= wire.OBSERVATION_BYTES):
             self.close_connection = True  # the body stays unread
             raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of {length} bytes")
         return self.rfile.read(int(length))
@@ -196,7 +191,7 @@ class RemotePolicy:
     def act(self, observation: Observation) -> NDArray[np.float64]:
         """Return the server's action; JSON knows one kind of number, so 0 counts as 0.0."""
         path = f"/episodes/{self._episode}/act"
-        action = self._call("POST", path, pack_observation(observation)).get("action")
+        action = self._call("POST", path, wire.pack_observation(observation)).get("action")
         if not isinstance(action, list) or not all(type(x) in (int, float) for x in action):
             raise PolicyFaultError("the policy server's answer has no list of numbers 'action'")
         return np.array([float(x) for x in action], np.float64)

@@ -11,26 +11,12 @@ import torch
 from numpy.typing import NDArray
 from torch.utils._pytree import tree_structure
 
-from minitouch_bench.errors import (
-    PolicyLoadError,
-    PolicyRaisedError,
-    describe,
-    own_place,
-    plain_line,
-)
+from minitouch_bench import errors
+from minitouch_bench.policies import policy
 from minitouch_bench.policies.native import as_array, to_tensors
-from minitouch_bench.policies.policy import (
-    IMAGE_SHAPE,
-    RECURRENT_CLASS,
-    TO_REMEMBER,
-    TOUCH_SHAPE,
-    Observation,
-    PolicySource,
-    fits_shape,
-)
 
 ARGUMENTS, RESULT = tree_structure(((0, 0), {})), tree_structure(0)
-INPUTS = ((torch.uint8, (1, *IMAGE_SHAPE)), (torch.float32, (1, *TOUCH_SHAPE)))
+INPUTS = ((torch.uint8, (1, *policy.IMAGE_SHAPE)), (torch.float32, (1, *policy.TOUCH_SHAPE)))
 SIGNATURE = f"(image: uint8 {INPUTS[0][1]}, touch: float32 {INPUTS[1][1]}) -> action (1, A)"
 COMPILED = "/data/aotinductor/"
 """Where a package of AOTInductor has its machine code."""
@@ -54,14 +40,14 @@ class ModulePolicy:
         self._module = module
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: saving it drops what "
-            f"forward assigns to anything but a buffer. {TO_REMEMBER}"
+            f"forward assigns to anything but a buffer. {policy.TO_REMEMBER}"
         )
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
 
     @torch.inference_mode()
-    def act(self, observation: Observation) -> NDArray[np.float32]:
+    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return what the module gives."""
         # The optimizing executor rewrites the graph after two calls, which costs seconds and
         # can change the last bit within an episode.
@@ -69,10 +55,12 @@ class ModulePolicy:
             try:
                 return as_array(self._module(*to_tensors(observation)))
             except TORCH_ERRORS as error:  # whose message begins with the whole source
-                raise PolicyRaisedError(_last_line(error) + own_place(error)) from error
+                raise errors.PolicyRaisedError(
+                    _last_line(error) + errors.own_place(error)
+                ) from error
 
 
-def load_exported(source: PolicySource) -> ModulePolicy:
+def load_exported(source: policy.PolicySource) -> ModulePolicy:
     """Load a program of ``torch.export``, which opens what is pickled in it.
 
     Raises:
@@ -86,31 +74,31 @@ def load_exported(source: PolicySource) -> ModulePolicy:
             is_compiled = any(COMPILED in name for name in archive.namelist())
         programs = {} if is_compiled else load_pt2(io.BytesIO(source.content)).exported_programs
     except Exception as error:  # whatever is pickled in it may raise
-        raise PolicyLoadError(
+        raise errors.PolicyLoadError(
             f"it cannot be read by torch {torch.__version__} (export on the CPU, write with "
-            f"torch.export.save): {describe(error)}"
+            f"torch.export.save): {errors.describe(error)}"
         ) from error
     if "model" not in programs:
         what = "compiled code" if is_compiled else "no program"
         text = f"it contains {what}: write it with torch.export.save(program, file)"
-        raise PolicyLoadError(text)
+        raise errors.PolicyLoadError(text)
     program = programs["model"]
     names = program.graph_signature.user_inputs
     given = [node.meta.get("val") for node in program.graph.nodes if node.name in names]
     fits = (program.call_spec.in_spec, program.call_spec.out_spec) == (ARGUMENTS, RESULT) and all(
-        getattr(value, "dtype", None) is dtype and fits_shape(value.shape, shape)
+        getattr(value, "dtype", None) is dtype and policy.fits_shape(value.shape, shape)
         for value, (dtype, shape) in zip(given, INPUTS, strict=True)
     )
     if not fits:
         shown = (f"{getattr(x, 'dtype', x)} {tuple(getattr(x, 'shape', ()))}" for x in given)
-        raise PolicyLoadError(
+        raise errors.PolicyLoadError(
             f"it has the inputs ({', '.join(shown)}), keywords or several results.\n"
             f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
         )
     return ModulePolicy(program.module(), find_program_memory(program))
 
 
-def load_torchscript(source: PolicySource) -> ModulePolicy:
+def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
     """Load a TorchScript module on the CPU.
 
     Raises:
@@ -122,22 +110,22 @@ def load_torchscript(source: PolicySource) -> ModulePolicy:
             module = torch.jit.load(io.BytesIO(source.content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (*TORCH_ERRORS, ValueError) as error:
         if RAN in str(error):
-            raise PolicyLoadError(f"code of its own failed: {_last_line(error)}") from error
-        raise PolicyLoadError(
+            raise errors.PolicyLoadError(f"code of its own failed: {_last_line(error)}") from error
+        raise errors.PolicyLoadError(
             "not a TorchScript file. Weights alone are not enough: export the module with "
             "torch.export as .pt2, see docs/how-to/export-a-policy.md"
         ) from error
     module.eval()
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
     if len(arguments) != 2:
-        raise PolicyLoadError(f"forward takes ({', '.join(arguments)}), not (image, touch)")
+        raise errors.PolicyLoadError(f"forward takes ({', '.join(arguments)}), not (image, touch)")
     return ModulePolicy(module, find_script_memory(module))
 
 
 def _last_line(error: Exception) -> str:
     """Return the end of torch's message, where it says what went wrong."""
     lines = [line for line in str(error).splitlines() if line.strip()]
-    return plain_line(lines[-1]) if lines else type(error).__name__
+    return errors.plain_line(lines[-1]) if lines else type(error).__name__
 
 
 # What a module could remember with: a recurrent layer, or a tensor of zeros, as a hidden state
@@ -147,7 +135,7 @@ def _last_line(error: Exception) -> str:
 def find_program_memory(program: Any) -> str:
     """Name what a program of ``torch.export`` could remember with, "" for nothing."""
     stacks = (str(node.meta.get("nn_module_stack")) for node in program.graph.nodes)
-    layers = (match[1] for match in map(RECURRENT_CLASS.search, stacks) if match)
+    layers = (match[1] for match in map(policy.RECURRENT_CLASS.search, stacks) if match)
     return _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
 
 

@@ -21,36 +21,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import plain_line
-from minitouch_bench.policies.policy import (
-    IMAGE_SHAPE,
-    TOUCH_SHAPE,
-    Isolation,
-    IsolationOptions,
-    Observation,
-    PolicySource,
-)
+from minitouch_bench.policies import policy
 from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.processes import watch
 
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""
 
-IMAGE_BYTES = int(np.prod(IMAGE_SHAPE))
-OBSERVATION_BYTES = IMAGE_BYTES + 4 * TOUCH_SHAPE[0]
+IMAGE_BYTES = int(np.prod(policy.IMAGE_SHAPE))
+OBSERVATION_BYTES = IMAGE_BYTES + 4 * policy.TOUCH_SHAPE[0]
 
 
 class HostSetup(msgspec.Struct, frozen=True):
     """What a host has in memory before each episode; ``factory`` has files of its own to read."""
 
     kind: str
-    options: IsolationOptions
+    options: policy.IsolationOptions
     factory: str = ""
 
 
 class StartOrder(msgspec.Struct, frozen=True):
     """The order to fork a child for an episode of one checkpoint."""
 
-    source: PolicySource
+    source: policy.PolicySource
     task: str
     seed: int
 
@@ -123,7 +116,7 @@ def read_frame(channel: int) -> tuple[Frame, bytes]:
     return unpack_frame(packet)
 
 
-def pack_observation(observation: Observation) -> bytes:
+def pack_observation(observation: policy.Observation) -> bytes:
     """Return the image's 7056 bytes, then the touch vector as 11 little-endian float32."""
     return observation["image"].tobytes() + observation["touch"].astype("<f4", copy=False).tobytes()
 
@@ -136,7 +129,7 @@ def unpack_observation(payload: bytes) -> dict[str, NDArray[Any]]:
     """
     if len(payload) != OBSERVATION_BYTES:
         raise WireError(f"an observation of {len(payload)} bytes, not {OBSERVATION_BYTES}")
-    image = np.frombuffer(payload, np.uint8, IMAGE_BYTES).reshape(IMAGE_SHAPE)
+    image = np.frombuffer(payload, np.uint8, IMAGE_BYTES).reshape(policy.IMAGE_SHAPE)
     touch = np.frombuffer(payload, "<f4", offset=IMAGE_BYTES)
     return {"image": image.copy(), "touch": touch.astype(np.float32)}
 
@@ -340,7 +333,7 @@ class HostConnection:
         self.output = OutputPipe()
         self._in_order = False
         # In the sandbox a host has nothing in its environment that a policy must not learn.
-        is_confined = setup.options.level is Isolation.SANDBOX
+        is_confined = setup.options.level is policy.Isolation.SANDBOX
         known = HOST_VARIABLES if is_confined else os.environ.keys()
         kept = {name: value for name, value in os.environ.items() if name in known}
         options = ["-P", "-u", *["-s"] * sys.flags.no_user_site]  # packages come from where ours do

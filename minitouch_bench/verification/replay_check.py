@@ -5,13 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from minitouch_bench.episode import (
-    Episode,
-    EpisodeSpec,
-    Outcome,
-    PlayedEpisode,
-    Role,
-)
+from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, PlayedEpisode, Role
 from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
