@@ -14,40 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from minitouch_bench import errors, files
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, PolicyIdentity, Role
-from minitouch_bench.errors import (
-    IncompleteCheckError,
-    InterruptedRunError,
-    MiniTouchError,
-    RunDirectoryError,
-)
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.files import (
-    cache_directory,
-    cache_errors,
-    os_errors_as,
-    read_file,
-    replace_file,
-    write_file,
-)
 from minitouch_bench.json_io import read_json, write_json
-from minitouch_bench.leaderboard.proof import (
-    MIN_FRESH_EPISODES,
-    FreshProof,
-    FreshResult,
-    Group,
-    Proof,
-    ProofLevel,
-    Values,
-    can_be_run,
-    compare_fresh,
-    drop_together,
-    fresh_seed,
-    proof_path,
-    significant_drops,
-)
+from minitouch_bench.leaderboard import proof
+from minitouch_bench.leaderboard.proof import ProofLevel, Values
 from minitouch_bench.leaderboard.submission import TrainingSeed
 from minitouch_bench.leaderboard.validation import SubmissionFindings
 from minitouch_bench.metrics.summary import measure
@@ -86,12 +60,6 @@ class DonePart:
     reran: list[str] = field(default_factory=list)
     fresh: dict[str, FreshRun] = field(default_factory=dict)
 
-    @staticmethod
-    def path(files: Mapping[str, str], *numbers: int) -> Path:
-        """Return where it is kept for these files, these packages and ``numbers`` of episodes."""
-        about = write_json((files, package_versions(), numbers))
-        return cache_directory() / "proofs" / f"{hashlib.sha256(about).hexdigest()}.json"
-
 
 def prove(
     found: SubmissionFindings,
@@ -112,43 +80,44 @@ def prove(
     Raises:
         InterruptedRunError: Ctrl-C.
     """
-    kept = DonePart.path(found.files, rerun, fresh)
+    about = write_json((found.files, package_versions(), (rerun, fresh)))
+    kept = files.cache_directory() / "proofs" / f"{hashlib.sha256(about).hexdigest()}.json"
     done = DonePart()
-    with suppress(OSError, RunDirectoryError):
-        done = read_json(read_file(kept), DonePart, str(kept))
+    with suppress(OSError, errors.RunDirectoryError):
+        done = read_json(files.read_file(kept), DonePart, str(kept))
     prover = Prover(found, engine, callbacks.episode, done=done, kept=kept)
     callbacks.phase("proof", prover.count_episodes(rerun, fresh))
     level, played = ProofLevel.SELF_REPORTED, None
-    error: MiniTouchError | None = None
+    error: errors.MiniTouchError | None = None
     try:
         prover.replay()
         level = ProofLevel.REPLAYED
-        if can_be_run(found.runs) and not prover.problems:
+        if proof.can_be_run(found.runs) and not prover.problems:
             prover.run_again(rerun)
-        if can_be_run(found.runs) and not prover.problems:
+        if proof.can_be_run(found.runs) and not prover.problems:
             played = prover.run_fresh(fresh)
-            level = ProofLevel.VERIFIED if fresh >= MIN_FRESH_EPISODES else level
+            level = ProofLevel.VERIFIED if fresh >= proof.MIN_FRESH_EPISODES else level
     except KeyboardInterrupt as caught:
-        raise InterruptedRunError("interrupted\nThe same command continues.") from caught
-    except MiniTouchError as caught:  # what differs counts all the same
-        error = IncompleteCheckError(str(caught))
+        raise errors.InterruptedRunError("interrupted\nThe same command continues.") from caught
+    except errors.MiniTouchError as caught:  # what differs counts all the same
+        error = errors.IncompleteCheckError(str(caught))
     if error is None or prover.problems:
         with suppress(OSError):
             kept.unlink()
     found = replace(found, problems=tuple(prover.problems), error=error)
-    path = proof_path(found.directory)
+    path = proof.proof_path(found.directory)
     is_verified = level is ProofLevel.VERIFIED
     is_weaker = found.level is ProofLevel.VERIFIED and not is_verified
     try:
         if found.proof and not all(problem.is_unchecked for problem in found.problems):
-            with os_errors_as(RunDirectoryError, path, "removed"):
+            with files.os_errors_as(errors.RunDirectoryError, path, "removed"):
                 path.unlink(missing_ok=True)
             return replace(found, proof=None, withdrawn=found.level)
         if not (found.problems or is_weaker or level is ProofLevel.SELF_REPORTED):
-            proof = Proof(level, found.files, *((rerun, played) if is_verified else ()))
-            write_file(path, write_json(proof))
-            return replace(found, proof=proof)
-    except RunDirectoryError as caught:
+            made = proof.Proof(level, found.files, *((rerun, played) if is_verified else ()))
+            files.write_file(path, write_json(made))
+            return replace(found, proof=made)
+    except errors.RunDirectoryError as caught:
         return replace(found, error=caught)
     return found
 
@@ -196,7 +165,7 @@ class Prover:
     def count_episodes(self, rerun: int, fresh: int) -> int:
         """Return how many episodes are left to play."""
         count = sum(len(run.header.specs()) for _, _, run in self._runs(self.done.replayed))
-        if can_be_run(self.found.runs):
+        if proof.can_be_run(self.found.runs):
             left = self._runs(self.done.reran)
             count += sum(rerun * len(run.header.policies()) for _, _, run in left)
             left = self._runs(self.done.fresh)
@@ -229,7 +198,7 @@ class Prover:
             self.done.reran.append(place)
             self._keep()
 
-    def run_fresh(self, count: int) -> FreshProof:
+    def run_fresh(self, count: int) -> proof.FreshProof:
         """Run ``count`` new episodes of each task of each run, and compare with the official ones.
 
         A significant drop is a problem. An episode that ends by a policy fault is a failed one; to
@@ -239,8 +208,9 @@ class Prover:
             IncompleteCheckError: the time is up.
         """
         runs = {place: run for _, place, run in self._runs()}
-        draw = self.done.draw
-        seeds = {place: fresh_seed(run.header.policy.digest, draw) for place, run in runs.items()}
+        draw, seeds = self.done.draw, dict[str, int]()
+        for place, run in runs.items():
+            seeds[place] = proof.fresh_seed(run.header.policy.digest, draw)
         for seed, place, run in self._runs(self.done.fresh):
             with self.problems.caught(place):
                 specs = fresh_specs(run, count, seeds[place])
@@ -249,36 +219,31 @@ class Prover:
                 failed = (f"{place}, {one.spec.key}: {one.fault}" for one in records if one.fault)
                 self.done.fresh[place] = FreshRun(tuple(_values(run, records)), tuple(failed))
             self._keep()
-        return FreshProof(draw, count, seeds, {} if self.problems else self._compare_fresh(runs))
+        compared = {} if self.problems else self._compare_fresh(runs)
+        return proof.FreshProof(draw, count, seeds, compared)
 
-    def _compare_fresh(self, runs: Mapping[str, Run]) -> dict[str, tuple[FreshResult, ...]]:
-        """Compare the fresh episodes of all runs with the official ones; add what drops."""
-        results: dict[str, tuple[FreshResult, ...]] = {}
-        groups: dict[Group, list[Values]] = {}
+    def _compare_fresh(self, runs: Mapping[str, Run]) -> dict[str, tuple[proof.FreshResult, ...]]:
+        """Compare the fresh episodes of all runs with the official ones; add the drops.
+
+        They are those that an honest submission would hardly have.
+        """
+        results: dict[str, tuple[proof.FreshResult, ...]] = {}
+        groups: dict[proof.Group, list[Values]] = {}
         failed: list[str] = []
         for place, run in runs.items():
             played = self.done.fresh[place]
             failed += played.faults
-            results[place] = tuple(compare_fresh(one, role, of) for role, of, one in played.values)
+            compared = (proof.compare_fresh(one, role, task) for role, task, one in played.values)
+            results[place] = tuple(compared)
             for role, task, one in played.values:
                 groups.setdefault((role, run.plan.suite, task), []).append(one)
-        self._add_drops(results, groups, failed)
-        return results
-
-    def _add_drops(
-        self,
-        results: Mapping[str, Sequence[FreshResult]],
-        groups: Mapping[Group, Sequence[Values]],
-        failed: Sequence[str],
-    ) -> None:
-        """Add the drops that an honest submission would hardly have."""
         planned = sum(map(len, results.values()))
         drops = [
             (f"{place}, {drop.role} {drop.task}", str(drop))
-            for place, compared in results.items()
-            for drop in significant_drops(compared, planned)
+            for place, of_run in results.items()
+            for drop in proof.significant_drops(of_run, planned)
         ]
-        if not drops and (p := drop_together(groups)) is not None:
+        if not drops and (p := proof.drop_together(groups)) is not None:
             what = f"fresh episodes are worse over the tasks and training seeds (p = {p:.2g})"
             drops.append(("", what))
         for where, what in drops:
@@ -286,6 +251,7 @@ class Prover:
         if drops and failed:
             what = f"{len(failed)} fresh episodes end by a policy fault; the first: {failed[0]}"
             self.problems.add("", what, "a fault is a failed episode, as in every run")
+        return results
 
     def _runs(self, done: Collection[str] = ()) -> Iterator[tuple[TrainingSeed, str, Run]]:
         """Walk through the runs that are not done, each with its training seed and its place."""
@@ -297,9 +263,9 @@ class Prover:
     def _keep(self) -> None:
         """Keep what is done, as long as nothing differs."""
         if self.kept is not None and not self.problems:
-            with cache_errors(self.kept.parent):
+            with files.cache_errors(self.kept.parent):
                 self.kept.parent.mkdir(parents=True, exist_ok=True)
-                replace_file(self.kept, write_json(self.done))
+                files.replace_file(self.kept, write_json(self.done))
 
     def _take(self, record: PlayedEpisode) -> None:
         """Pass an episode on.
@@ -310,7 +276,7 @@ class Prover:
         self.on_record(record)
         if time.monotonic() > self._end:
             what = f"the proof was not finished within {self.time_limit_s:g} s"
-            raise IncompleteCheckError(f"{what}; the same command continues")
+            raise errors.IncompleteCheckError(f"{what}; the same command continues")
 
     def _setup(self, seed: TrainingSeed, run: Run) -> PolicySetup:
         """Find a run's policies in the submission.
@@ -325,19 +291,19 @@ class Prover:
         return replay_check.prepare_rerun(run, final, explorer)
 
     def _source(self, seed: TrainingSeed, role: Role, recorded: PolicyIdentity) -> PolicySource:
-        files = seed.files(role)
+        listed = seed.files(role)
         if recorded.kind in BUILT_IN:
             return parse_source(recorded.kind)
-        if not files or not all(file.path for file in files):
-            raise IncompleteCheckError(
+        if not listed or not all(file.path for file in listed):
+            raise errors.IncompleteCheckError(
                 f"the {role} checkpoint of seed {seed.seed} is not in the submission: "
                 "it cannot be run again"
             )
         folder = self.found.directory
-        places = (file.path if file.is_reference else str(folder / file.path) for file in files)
-        sources = dict(zip(files, map(parse_source, places), strict=True))
+        places = (file.path if file.is_reference else str(folder / file.path) for file in listed)
+        sources = dict(zip(listed, map(parse_source, places), strict=True))
         if recorded.kind != DIRECTORY:
-            return sources[files[0]]
+            return sources[listed[0]]
         digest = directory_digest((file.file, one.digest) for file, one in sources.items())
         parts = tuple((file.task, one) for file, one in sources.items())
         return PolicySource(DIRECTORY, folder.name, str(folder), digest, parts)

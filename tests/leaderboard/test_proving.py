@@ -134,7 +134,7 @@ class BackwardsEngine(FailingEngine):
 def test_the_order_in_which_fresh_episodes_end_changes_nothing(found, monkeypatch):
     """The seeds' episodes of one number are averaged."""
     tested = []
-    monkeypatch.setattr(proving, "drop_together", tested.append)
+    monkeypatch.setattr(proving.proof, "drop_together", tested.append)
     for engine in (FailingEngine({"opening/0"}), BackwardsEngine({"opening/0"})):
         prover(found, engine).run_fresh(3)
     assert [*tested[0].values()] == [[Values((1.0, 1.0), (0.0, 1.0, 1.0))]]
