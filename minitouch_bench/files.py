@@ -19,12 +19,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from minitouch_bench.errors import (
-    InfrastructureError,
-    MiniTouchError,
-    RunDirectoryError,
-    UnreadableFileError,
-)
+from minitouch_bench import errors
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -81,7 +76,7 @@ def entries_of(directory: Path) -> list[str]:
     Raises:
         RunDirectoryError: it cannot be read.
     """
-    with os_errors_as(RunDirectoryError, directory, "read"), suppress(FileNotFoundError):
+    with os_errors_as(errors.RunDirectoryError, directory, "read"), suppress(FileNotFoundError):
         return sorted(name for name in os.listdir(directory) if name != LOCK_FILE)
     return []
 
@@ -92,7 +87,7 @@ def clear_run(directory: Path) -> None:
     Raises:
         RunDirectoryError: one of them cannot be removed.
     """
-    with os_errors_as(RunDirectoryError, directory, "cleared"):
+    with os_errors_as(errors.RunDirectoryError, directory, "cleared"):
         for name in RUN_FILES:
             (directory / name).unlink(missing_ok=True)
         for folder in filter(is_folder, (directory / VIDEOS, directory / REPLAYS)):
@@ -109,7 +104,7 @@ def view_name(key: str, suffix: str) -> str:
 
 @contextmanager
 def os_errors_as(
-    kind: type[MiniTouchError], path: Path, action: str, hint: str = ""
+    kind: type[errors.MiniTouchError], path: Path, action: str, hint: str = ""
 ) -> Iterator[None]:
     """Raise an ``OSError`` of the block as an error that says "PATH cannot be ACTION: why"."""
     try:
@@ -130,7 +125,7 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
         RunDirectoryError: it cannot be written, or another process holds it.
     """
     lock = directory / LOCK_FILE
-    with os_errors_as(RunDirectoryError, directory, "written"):
+    with os_errors_as(errors.RunDirectoryError, directory, "written"):
         directory.mkdir(parents=True, exist_ok=True)
         handle = _lock(lock, wait=wait)
         for place in filter(is_folder, (directory, directory / VIDEOS, directory / REPLAYS)):
@@ -155,7 +150,7 @@ def _lock(path: Path, *, wait: bool) -> int:
                 fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             except BlockingIOError as error:
                 text = f"{path.parent} is in use by another process; choose another directory"
-                raise RunDirectoryError(text) from error
+                raise errors.RunDirectoryError(text) from error
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
                     stack.pop_all()
@@ -170,7 +165,7 @@ def write_file(path: Path, content: bytes | str, *, durable: bool = True) -> Non
     Raises:
         RunDirectoryError: it cannot be written.
     """
-    with os_errors_as(RunDirectoryError, path, "written"):
+    with os_errors_as(errors.RunDirectoryError, path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         text = content.encode() if isinstance(content, str) else content
         replace_file(path, text, durable=durable)
@@ -212,7 +207,7 @@ def append_bytes(path: Path, content: bytes) -> None:
     Raises:
         RunDirectoryError: it cannot be written, or is something else.
     """
-    with os_errors_as(RunDirectoryError, path, "written"):
+    with os_errors_as(errors.RunDirectoryError, path, "written"):
         handle = open_plain(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         with os.fdopen(handle, "ab") as file:
             file.write(content)
@@ -228,7 +223,7 @@ def make_folder(path: Path) -> Path:
     Raises:
         RunDirectoryError: it cannot be made, or is no directory.
     """
-    with os_errors_as(RunDirectoryError, path, "written"):
+    with os_errors_as(errors.RunDirectoryError, path, "written"):
         with suppress(FileExistsError):
             path.mkdir(parents=True)
         if not is_folder(path):
@@ -246,7 +241,7 @@ def list_videos(directory: Path) -> list[Path]:
     folder = directory / VIDEOS
     if not is_folder(folder):
         return []
-    with os_errors_as(UnreadableFileError, folder, "read"):
+    with os_errors_as(errors.UnreadableFileError, folder, "read"):
         videos = [path for path in sorted(folder.iterdir()) if path.suffix == ".mp4"]
     return [path for path in videos if path.is_file() and not path.is_symlink()]
 
@@ -331,4 +326,4 @@ def cache_file(stem: str, suffix: str, content: bytes) -> Path:
 def cache_errors(directory: Path) -> AbstractContextManager[None]:
     """Raise an ``OSError`` of the block as an ``InfrastructureError`` that names the variable."""
     hint = f"; set {VARIABLE} to another directory"
-    return os_errors_as(InfrastructureError, directory, "written", hint)
+    return os_errors_as(errors.InfrastructureError, directory, "written", hint)

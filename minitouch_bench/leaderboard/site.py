@@ -22,29 +22,15 @@ from minitouch_bench.leaderboard.board import (
     make_board,
 )
 from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY
-from minitouch_bench.leaderboard.submission import (
-    BOARD_GOALS,
-    BOARD_TASKS,
-    MAX_VIDEO,
-    MODALITIES,
-)
+from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAX_VIDEO, MODALITIES
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.reporting import labels, tables
+from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
 from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
 from minitouch_bench.reporting.labels import group_faults, task_title
-from minitouch_bench.reporting.pages import (
-    PICTURES,
-    BrowsedRun,
-    Card,
-    browser_data,
-    ending_of,
-    make_card,
-    render_page,
-)
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
@@ -81,8 +67,8 @@ def build_board(
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(findings)
     shown = views.views(board)
-    pages = output / PAGES
-    for folder in (pages, output / SITE_PICTURES):
+    places = output / PAGES
+    for folder in (places, output / SITE_PICTURES):
         files.make_folder(folder)
     rows = {row.name: row for row in board.rows}
     written = set()
@@ -91,12 +77,12 @@ def build_board(
     write_file(output / "index.html", index_html(board, shown))
     for found in findings:
         if found.passed:
-            page = pages / f"{found.submission.name}.html"
+            page = places / f"{found.submission.name}.html"
             write_file(page, submission_page(found, rows[page.stem], board), durable=False)
-            written |= {page, *_copy_videos(found, pages)}
-    _remove_others(pages, written)
+            written |= {page, *_copy_videos(found, places)}
+    _remove_others(places, written)
     for task in BOARD_TASKS:
-        picture = PICTURES / f"{task}.png"
+        picture = pages.PICTURES / f"{task}.png"
         write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
     return board
 
@@ -117,10 +103,10 @@ def find_submissions(directory: Path) -> list[Path]:
     raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
 
 
-def _copy_videos(found: SubmissionFindings, pages: Path) -> Iterator[Path]:
+def _copy_videos(found: SubmissionFindings, folder: Path) -> Iterator[Path]:
     """Copy a submission's videos beside its page, and yield where each of them is then."""
     for path in found.videos():
-        source, target = found.directory / path, pages / video_address(found.submission.name, path)
+        source, target = found.directory / path, folder / video_address(found.submission.name, path)
         files.make_folder(target.parent)
         with os_errors_as(RunDirectoryError, source, "copied"):
             write_file(target, files.read_file(source, MAX_VIDEO), durable=False)
@@ -133,20 +119,20 @@ def video_address(name: str, path: str) -> str:
     return f"{name}/{path.replace(f'/{files.VIDEOS}/', '-').replace('/', '-')}"
 
 
-def _remove_others(pages: Path, written: Container[Path]) -> None:
+def _remove_others(folder: Path, written: Container[Path]) -> None:
     """Remove the pages and videos of an earlier board that this one does not have.
 
     No link is followed, and what is called otherwise than they are stays.
     """
-    folders = [*filter(files.is_folder, pages.iterdir())]
-    videos = chain.from_iterable(folder.glob("seed-*.mp4") for folder in folders)
-    with os_errors_as(RunDirectoryError, pages, "cleared"):
-        for path in (*pages.glob("*.html"), *videos):
+    inner = [*filter(files.is_folder, folder.iterdir())]
+    videos = chain.from_iterable(one.glob("seed-*.mp4") for one in inner)
+    with os_errors_as(RunDirectoryError, folder, "cleared"):
+        for path in (*folder.glob("*.html"), *videos):
             if path not in written and path.is_file() and not path.is_symlink():
                 path.unlink()
-        for folder in folders:
+        for one in inner:
             with suppress(OSError):  # something is in it
-                folder.rmdir()
+                one.rmdir()
 
 
 # The index
@@ -155,7 +141,7 @@ def _remove_others(pages: Path, written: Container[Path]) -> None:
 def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
     """Write the index."""
     suite = PROTOCOL.suite(MAIN_SUITE)
-    return render_page(
+    return pages.render_page(
         TEMPLATES / "board.html.j2",
         STYLES,
         ("theme.js", "board.js"),
@@ -183,7 +169,7 @@ def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> s
     """Write the page of a submission, whose row is on the ``board``."""
     path = f"{found.directory.resolve().parent.name}/{row.name}"
     ranks = {key: f"rank {rank}" for key, rank in row.ranks.items()}
-    return render_page(
+    return pages.render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,
         ("theme.js", "episodes.js"),
@@ -206,8 +192,11 @@ def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> s
         values=_values(row),
         gaps=_gaps(row) if row.novel_shapes else None,
         figures=submission_figures(found),
-        episodes=browser_data(
-            [BrowsedRun(folder, run, f"{path}/{folder}") for folder, run in found.runs.items()]
+        episodes=pages.browser_data(
+            [
+                pages.BrowsedRun(folder, run, f"{path}/{folder}")
+                for folder, run in found.runs.items()
+            ]
         ),
         videos=[
             Video(_caption(found, video), video_address(row.name, video))
@@ -222,12 +211,13 @@ def _caption(found: SubmissionFindings, video: str) -> str:
     folder, stem = video.partition(f"/{files.VIDEOS}/")[0], Path(video).stem
     for spec, episode in found.runs[folder].specs_and_rows():
         if spec.key.replace("/", "-") == stem:
-            return f"{folder}, {spec.key}: {ending_of(episode)}, {episode.steps} control steps"
+            ending, steps = pages.ending_of(episode), episode.steps
+            return f"{folder}, {spec.key}: {ending}, {steps} control steps"
     return stem
 
 
-def _card(row: BoardRow, task: str, rank: str) -> Card:
-    card = make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
+def _card(row: BoardRow, task: str, rank: str) -> pages.Card:
+    card = pages.make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
     (value,) = card.values
     return replace(card, values=(replace(value, cell=views.with_learned(value.cell, row, task)),))
 
@@ -285,7 +275,7 @@ def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
                 steps_plot(task, {"": steps_by_ending(episodes)})
                 for task, episodes in played.items()
             ),
-            ending_legend(map(ending_of, chain(*played.values()))),
+            ending_legend(map(pages.ending_of, chain(*played.values()))),
         ),
         Figure(
             "touch-over-time",

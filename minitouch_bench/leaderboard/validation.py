@@ -34,13 +34,8 @@ from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import DIRECTORY, NOTES, Isolation
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.run import Run, parse_run
-from minitouch_bench.verification.static_check import (
-    AS_WRITTEN,
-    RUN_AGAIN,
-    Findings,
-    Problems,
-    check_run,
-)
+from minitouch_bench.verification import static_check
+from minitouch_bench.verification.static_check import AS_WRITTEN, Findings, Problems
 
 RESERVED_MODALITIES: Mapping[str, tuple[str, ...]] = {
     kind: ("state",) if kind == "scripted" else () for kind in BUILT_IN
@@ -198,14 +193,14 @@ def _check_run(
     header = run.header
     if header.plan.suite != suite:
         what = f"it is a run of the suite '{header.plan.suite}', not {suite}"
-        problems.add(path, what, RUN_AGAIN)
+        problems.add(path, what, static_check.RUN_AGAIN)
         return
     if not header.official:
         reasons = "; ".join(header.unofficial_because)
         problems.add(path, f"it is unofficial: {reasons}", f"evaluate the whole suite {suite}")
         return
     with problems.caught(path, AS_WRITTEN):
-        found = check_run(run, recompute=recompute)
+        found = static_check.check_run(run, recompute=recompute)
         problems.add_below(path, found)
         if any(problem.is_other_protocol for problem in found):
             return

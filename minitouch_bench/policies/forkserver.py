@@ -43,15 +43,7 @@ import numpy as np
 import numpy.random  # loaded lazily otherwise, so again in every child
 
 from minitouch_bench import errors
-from minitouch_bench.policies import wire
-from minitouch_bench.policies.policy import (
-    Isolation,
-    action_size,
-    close_policy,
-    find_loader,
-    load_policy,
-    warning_of,
-)
+from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.processes import core_count, die_with
 from minitouch_bench.protocol.spec import fit_action
@@ -189,7 +181,7 @@ def _find_end(child: int) -> tuple[int, int] | tuple[()] | None:
 def _make_sandbox(setup: wire.HostSetup) -> Sandbox | None:
     """Return a sandbox that was tried out, None where it is not asked for."""
     options = setup.options
-    if options.level is not Isolation.SANDBOX:
+    if options.level is not policy.Isolation.SANDBOX:
         return None
     paths = factory_paths(setup.factory, options.private) if setup.factory else NOTHING
     # The formats compute on one thread, and only code that is trusted may start others.
@@ -200,7 +192,7 @@ def _make_sandbox(setup: wire.HostSetup) -> Sandbox | None:
 
 def _import_format(kind: str) -> None:
     try:
-        find_loader(kind)
+        policy.find_loader(kind)
     except errors.MiniTouchError:
         raise
     except Exception as error:  # an installed package that does not import
@@ -218,7 +210,13 @@ def serve_episode(order: wire.StartOrder, sandbox: Sandbox | None, channel: int)
     code = 1
     try:
         seed_everything(order.seed)
-        if _confine(sandbox, channel):
+        try:  # all before is ours, all after may be a stranger's
+            if sandbox is not None:
+                sandbox.enter((channel,))
+        except OSError as error:
+            wire.write_frame(channel, wire.Frame.UNCONFINED, errors.describe(error).encode())
+        else:
+            wire.write_frame(channel, wire.Frame.CONFINED)
             _serve(order, channel)
         code = 0
     except SystemExit as stop:  # sys.exit() in a policy ends its process, as it would anywhere
@@ -241,20 +239,8 @@ def seed_everything(seed: int) -> None:
         sys.modules["onnxruntime"].set_seed(seed % 2**63)
 
 
-def _confine(sandbox: Sandbox | None, channel: int) -> bool:
-    """Enter the sandbox, if there is one: all before is ours, all after may be a stranger's."""
-    try:
-        if sandbox is not None:
-            sandbox.enter((channel,))
-    except OSError as error:
-        wire.write_frame(channel, wire.Frame.UNCONFINED, errors.describe(error).encode())
-        return False
-    wire.write_frame(channel, wire.Frame.CONFINED)
-    return True
-
-
 def _serve(order: wire.StartOrder, channel: int) -> None:
-    policy, size = None, action_size(order.task)
+    loaded, size = None, policy.action_size(order.task)
     while True:
         try:
             request, payload = wire.read_frame(channel)
@@ -262,17 +248,17 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             break
         try:
             if request is wire.Frame.LOAD:
-                policy = load_policy(order.source)
-                warning = errors.plain_line(warning_of(policy), 2 * errors.MAX_TEXT)
+                loaded = policy.load_policy(order.source)
+                warning = errors.plain_line(policy.warning_of(loaded), 2 * errors.MAX_TEXT)
                 kind, answer = wire.Frame.LOADED, warning.encode(errors="replace")
-            elif policy is None:
+            elif loaded is None:
                 raise wire.WireError(f"a request of kind {request} before LOAD")
             elif request is wire.Frame.RESET:
                 seed_everything(order.seed)  # loading may have drawn numbers
-                policy.reset(order.seed, order.task)
+                loaded.reset(order.seed, order.task)
                 kind, answer = wire.Frame.READY, b""
             else:
-                action = fit_action(policy.act(wire.unpack_observation(payload)), size)
+                action = fit_action(loaded.act(wire.unpack_observation(payload)), size)
                 kind, answer = wire.Frame.ACTION, wire.pack_action(action)
         except SystemExit:
             raise
@@ -285,7 +271,7 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             text = _in_words(error) if kind is wire.Frame.RAISED else str(error)
             answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])
-    close_policy(policy)
+    policy.close_policy(loaded)
 
 
 def _in_words(error: BaseException) -> str:

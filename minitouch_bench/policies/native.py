@@ -15,12 +15,7 @@ from torch import Tensor
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
-from minitouch_bench.policies.networks import (
-    ARCHITECTURES,
-    KeypointEncoder,
-    TouchActor,
-    VisualEncoder,
-)
+from minitouch_bench.policies import networks
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, PolicySource
 from minitouch_bench.protocol.spec import ACTION_SIZES
 
@@ -46,7 +41,7 @@ class PolicyMetadata:
 class NativePolicy:
     """Run an actor, one observation at a time."""
 
-    def __init__(self, actor: TouchActor, deterministic: bool) -> None:
+    def __init__(self, actor: networks.TouchActor, deterministic: bool) -> None:
         self._actor = actor.eval()
         self._deterministic = deterministic
         self._generator = torch.Generator()
@@ -78,9 +73,9 @@ def as_array(action: Tensor) -> NDArray[Any]:
     return action.detach().numpy()
 
 
-def save_native(actor: TouchActor, path: Path) -> None:
+def save_native(actor: networks.TouchActor, path: Path) -> None:
     """Write an actor as a native checkpoint, weights in half precision where that is exact."""
-    assert isinstance(actor.encoder, VisualEncoder | KeypointEncoder)
+    assert isinstance(actor.encoder, networks.VisualEncoder | networks.KeypointEncoder)
     form = PolicyMetadata(actor.architecture, actor.action_size, IMAGE_SHAPE, actor.encoder.width)
     tensors = {
         name: (half if torch.equal((half := value.half()).float(), value) else value).contiguous()
@@ -102,7 +97,7 @@ def load_native(source: PolicySource) -> NativePolicy:
         raise PolicyLoadError(f"it is damaged, or not safetensors: {error}") from error
     form = _read_form(source.content)
     with torch.device("meta"):  # shapes only: random weights would be drawn for nothing
-        actor = ARCHITECTURES[form.architecture](form.action_size, form.encoder_width)
+        actor = networks.ARCHITECTURES[form.architecture](form.action_size, form.encoder_width)
     wanted = {name: tuple(value.shape) for name, value in actor.state_dict().items()}
     given = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != given:
@@ -123,10 +118,10 @@ def _read_form(content: bytes) -> PolicyMetadata:
             f"not a native checkpoint: no '{METADATA_KEY}' entry in its metadata. Write it with "
             "minitouch_bench.policies.native.save_native"
         ) from error
-    if form.architecture not in ARCHITECTURES or form.action_size not in ACTION_SIZES:
+    if form.architecture not in networks.ARCHITECTURES or form.action_size not in ACTION_SIZES:
         raise PolicyLoadError(
             f"it asks for architecture {form.architecture!r} with {form.action_size} actions; "
-            f"known: {', '.join(ARCHITECTURES)} with 4 or 5"
+            f"known: {', '.join(networks.ARCHITECTURES)} with 4 or 5"
         )
     if not 0.0 < form.encoder_width <= 1.0:
         text = f"it asks for an encoder of width {form.encoder_width}, not above 0 and at most 1"

@@ -14,16 +14,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from minitouch_bench import files
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, UsageError, describe
-from minitouch_bench.files import (
-    CHECKPOINTS,
-    ENTRY_MARK,
-    LARGEST_CHECKPOINT,
-    SUBMISSION_FILE,
-    os_errors_as,
-    read_file,
-)
 from minitouch_bench.json_io import read_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
@@ -80,7 +73,7 @@ def parse_source(
     if text.startswith(HUB):
         return _parse_hub(text, contact=contact)
     path = Path(text)
-    with os_errors_as(PolicyLoadError, path, "read"):
+    with files.os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
     if is_directory:
         source = _parse_directory(path, role)
@@ -118,10 +111,10 @@ def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
     """
-    with os_errors_as(PolicyLoadError, path, "read"):
+    with files.os_errors_as(PolicyLoadError, path, "read"):
         if not path.exists():
             raise PolicyLoadError(f"the policy file {path} does not exist")
-        content = read_file(path, LARGEST_CHECKPOINT, follow=follow)
+        content = files.read_file(path, files.LARGEST_CHECKPOINT, follow=follow)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
     return content
@@ -179,36 +172,36 @@ def _parse_hub(text: str, *, contact: bool) -> PolicySource:
     return replace(_parse_file(path), address=str(resolved))
 
 
-def directory_digest(files: Iterable[tuple[str, str]]) -> str:
-    """Return the digest of a directory of policies; ``files``: each one's name and SHA-256."""
-    lines = [f"{name} {digest}\n" for name, digest in sorted(files)]
+def directory_digest(listed: Iterable[tuple[str, str]]) -> str:
+    """Return the digest of a directory of policies; ``listed``: each file's name and SHA-256."""
+    lines = [f"{name} {digest}\n" for name, digest in sorted(listed)]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def _parse_submission(path: Path, role: Role) -> PolicySource:
-    folders = path.glob(f"{CHECKPOINTS}/seed-*/{role}")
+    folders = path.glob(f"{files.CHECKPOINTS}/seed-*/{role}")
     folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
     if folder is None:
         raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
-    for part in (path / CHECKPOINTS, folder.parent, folder):
+    for part in (path / files.CHECKPOINTS, folder.parent, folder):
         if part.is_symlink():
             raise PolicyLoadError(f"{part} cannot be read: it is a symbolic link")
-    with os_errors_as(PolicyLoadError, folder, "read"):
-        files = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
-    is_one_for_all = len(files) == 1 and files[0].stem not in TASK_NAMES
+    with files.os_errors_as(PolicyLoadError, folder, "read"):
+        found = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
+    is_one_for_all = len(found) == 1 and found[0].stem not in TASK_NAMES
     source = (
-        _parse_file(files[0], follow=False) if is_one_for_all else _parse_directory(folder, role)
+        _parse_file(found[0], follow=False) if is_one_for_all else _parse_directory(folder, role)
     )
     return replace(source, name=path.resolve().name)
 
 
 def _parse_directory(path: Path, role: Role) -> PolicySource:
     parts: dict[str, PolicySource] = {}
-    with os_errors_as(PolicyLoadError, path, "read"):
-        if (path / SUBMISSION_FILE).is_file():
+    with files.os_errors_as(PolicyLoadError, path, "read"):
+        if (path / files.SUBMISSION_FILE).is_file():
             return _parse_submission(path, role)
-        files = sorted(path.iterdir())
-    for file in files:
+        found = sorted(path.iterdir())
+    for file in found:
         if file.stem not in TASK_NAMES or file.suffix not in KIND_BY_SUFFIX:
             continue
         if file.stem in parts:
@@ -216,9 +209,9 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file, follow=False)
     trained = path / TRAINED[role]
-    if not parts and trained in files:
+    if not parts and trained in found:
         return replace(_parse_file(trained, follow=False), name=path.resolve().name)
-    if not parts and path / TRAINED_FILE in files:
+    if not parts and path / TRAINED_FILE in found:
         raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
     if not parts:
         raise PolicyLoadError(
@@ -235,7 +228,7 @@ def check_zip(content: bytes, target: str) -> None:
         PolicyLoadError: saying by how much.
     """
     # Half a kilobyte of memory for each entry, before the first can be looked at.
-    if (entries := content.count(ENTRY_MARK)) > MAX_MEMBERS:
+    if (entries := content.count(files.ENTRY_MARK)) > MAX_MEMBERS:
         raise PolicyLoadError(f"{target} contains {entries} files; the limit is {MAX_MEMBERS}")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -251,7 +244,7 @@ def check_zip(content: bytes, target: str) -> None:
 
 def declares_too_much(declared: int, held: int) -> bool:
     """Tell whether a file of ``held`` bytes says that it unpacks to too many."""
-    return declared > min(LARGEST_CHECKPOINT, MAX_RATIO * held)
+    return declared > min(files.LARGEST_CHECKPOINT, MAX_RATIO * held)
 
 
 @dataclass(frozen=True)
@@ -295,7 +288,7 @@ def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFi
         if contact and not is_kept:
             url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
             remote = library.get_hf_file_metadata(url)
-            if (remote.size or 0) > LARGEST_CHECKPOINT:
+            if (remote.size or 0) > files.LARGEST_CHECKPOINT:
                 raise PolicyLoadError(f"{asked} has {remote.size} bytes, which is too large")
             asked = replace(asked, revision=remote.commit_hash)
         path = library.hf_hub_download(
