@@ -5,7 +5,7 @@ is a socket on which every packet is one JSON object. For an episode it brings::
 
     a StartOrder and its descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}, which ends it
-    a StopOrder
+    the seconds that the policy's process has to exit by itself
         -> {"status": -9, "killed": true, "grown_mb": 300}
 
 ``status`` is that of Popen.returncode, ``grown_mb`` the MiB by which the policy's process exceeded
@@ -128,7 +128,7 @@ def reap(
     if not packet:
         _end_child(child, 0.0)
         return False
-    answer(_end_child(child, msgspec.json.decode(packet, type=wire.StopOrder).grace_s))
+    answer(_end_child(child, msgspec.json.decode(packet, type=float)))
     return True
 
 

@@ -17,24 +17,10 @@ from numpy.typing import NDArray
 
 from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY
-from minitouch_bench.policies import wire
+from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.forkserver import seed_everything
 from minitouch_bench.policies.formats import FORMATS
-from minitouch_bench.policies.policy import (
-    SANDBOXED,
-    TOUCH_SHAPE,
-    Isolation,
-    IsolationOptions,
-    Observation,
-    Policy,
-    PolicySource,
-    action_size,
-    check_permitted,
-    close_policy,
-    load_policy,
-    warning_of,
-    zero_observation,
-)
+from minitouch_bench.policies.policy import SANDBOXED, Isolation, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.protocol.spec import fit_action
@@ -87,9 +73,9 @@ class PolicyProcess:
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
-        check_permitted(part, self._options.level, trust=self._options.trust)
+        policy.check_permitted(part, self._options.level, trust=self._options.trust)
         self._end_episode()
-        self.target, self._size = part.target, action_size(task)
+        self.target, self._size = part.target, policy.action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(part, wire.StartOrder(replace(part, content=b""), task, seed))
@@ -105,7 +91,7 @@ class PolicyProcess:
         late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:
+    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped.
 
         Raises:
@@ -147,7 +133,9 @@ class PolicyProcess:
 
     def _start(self, part: PolicySource, order: wire.StartOrder) -> None:
         """Have a child forked; a host that has ended is replaced, once."""
-        setup = self._setup_for(part)
+        setup = wire.HostSetup(part.kind, replace(self._options, private=""))
+        if part.kind == "factory" and self._options.level is Isolation.SANDBOX:
+            setup = wire.HostSetup(part.kind, self._options, part.target)
         if self._host is not None and self._host.setup != setup:
             self._drop_host()
         for _ in range(2):
@@ -173,11 +161,6 @@ class PolicyProcess:
             self._close_channel()
             raise getattr(errors, answer["class"])(answer["error"])
         channel.watch(answer["pid"])
-
-    def _setup_for(self, part: PolicySource) -> wire.HostSetup:
-        if part.kind == "factory" and self._options.level is Isolation.SANDBOX:
-            return wire.HostSetup(part.kind, self._options, part.target)
-        return wire.HostSetup(part.kind, replace(self._options, private=""))
 
     def _open_file(self, part: PolicySource) -> tuple[int, ...]:
         """Return the descriptor of a copy of a checkpoint's file, if it has one."""
@@ -280,7 +263,7 @@ class PolicyProcess:
         channel, self._channel = self._channel, None
         try:
             channel.hang_up()
-            answer = self._host.order(wire.StopOrder(grace_s), STOP_TIMEOUT_S)
+            answer = self._host.order(grace_s, STOP_TIMEOUT_S)
             return answer, channel.output.last_line()
         except HostGoneError as error:
             self._drop_host()
@@ -307,7 +290,7 @@ class InProcessPolicy:
     def __init__(self, source: PolicySource, *, trust: bool = False) -> None:
         self._source = source
         self._trust = trust
-        self._policy: Policy | None = None
+        self._policy: policy.Policy | None = None
         self._size = 0
         self.target = self.warning = ""
 
@@ -315,13 +298,13 @@ class InProcessPolicy:
         """End the episode before, load the policy again and begin one; raise as a process does."""
         self.close()
         part = self._source.for_task(task)
-        self.target, self._size = part.target, action_size(task)
-        check_permitted(part, Isolation.NONE, trust=self._trust)
+        self.target, self._size = part.target, policy.action_size(task)
+        policy.check_permitted(part, Isolation.NONE, trust=self._trust)
         if FORMATS[part.kind].suffixes:
             part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
-        self._policy = load_policy(part)
-        self.warning = warning_of(self._policy)
+        self._policy = policy.load_policy(part)
+        self.warning = policy.warning_of(self._policy)
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
@@ -330,7 +313,7 @@ class InProcessPolicy:
         except Exception as error:
             raise errors.PolicyRaisedError(errors.describe(error)) from error
 
-    def act(self, observation: Observation) -> NDArray[np.float32]:
+    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}
@@ -344,9 +327,9 @@ class InProcessPolicy:
 
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
-        policy, self._policy = self._policy, None
+        ended, self._policy = self._policy, None
         with contextlib.suppress(Exception):
-            close_policy(policy)
+            policy.close_policy(ended)
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:
@@ -389,17 +372,18 @@ def try_policy(
     """
     if source.kind == "scripted":
         return ()
-    warnings, felt = [], {**zero_observation(), "touch": np.ones(TOUCH_SHAPE, np.float32)}
-    with _kept_generators(), contextlib.closing(isolate(source, options)) as policy:
+    warnings, felt = [], policy.zero_observation()
+    felt["touch"] = np.ones_like(felt["touch"])
+    with _kept_generators(), contextlib.closing(isolate(source, options)) as tried:
         for task in tasks if source.parts else tasks[:1]:
             try:
-                policy.reset(0, task)
+                tried.reset(0, task)
             except errors.PolicyFaultError as fault:
-                raise errors.PolicyLoadError(f"{policy.target} cannot be reset: {fault}") from fault
+                raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
             with contextlib.suppress(errors.PolicyFaultError):
-                policy.act(zero_observation())
-                if policy.warning and np.array_equal(policy.act(felt), policy.act(felt)):
-                    warnings.append(f"{policy.target}: {policy.warning}")
+                tried.act(policy.zero_observation())
+                if tried.warning and np.array_equal(tried.act(felt), tried.act(felt)):
+                    warnings.append(f"{tried.target}: {tried.warning}")
     return tuple(warnings)
 
 

@@ -48,12 +48,6 @@ class StartOrder(msgspec.Struct, frozen=True):
     seed: int
 
 
-class StopOrder(msgspec.Struct, frozen=True):
-    """The order to give the child so long to exit by itself, and then to end it."""
-
-    grace_s: float
-
-
 class Frame(IntEnum):
     """Kinds of packet: three requests, and the answers."""
 
@@ -351,9 +345,11 @@ class HostConnection:
         self.output.writer.close()
 
     def order(
-        self, order: StartOrder | StopOrder, timeout_s: float, descriptors: Sequence[int] = ()
+        self, order: StartOrder | float, timeout_s: float, descriptors: Sequence[int] = ()
     ) -> dict[str, Any]:
         """Send an order, with file descriptors if it has any, and return the answer.
+
+        A number is the order to end the child, which has so many seconds to exit by itself.
 
         Raises:
             HostGoneError: the host is gone, or silent for so long, or an earlier order was
