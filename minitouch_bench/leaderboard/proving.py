@@ -263,9 +263,7 @@ class Prover:
     def _keep(self) -> None:
         """Keep what is done, as long as nothing differs."""
         if self.kept is not None and not self.problems:
-            with files.cache_errors(self.kept.parent):
-                self.kept.parent.mkdir(parents=True, exist_ok=True)
-                files.replace_file(self.kept, write_json(self.done))
+            files.write_file(self.kept, write_json(self.done))
 
     def _take(self, record: PlayedEpisode) -> None:
         """Pass an episode on.

@@ -162,16 +162,6 @@ class Submission(About, FormatMark):
     seeds: Annotated[tuple[TrainingSeed, ...], Meta(min_length=1, max_length=20)] = ()
 
 
-def run_place(seed: int, suite: str) -> str:
-    """Return where a submission keeps the run of a training seed on a suite."""
-    return f"seed-{seed}/{suite}"
-
-
-def checkpoint_place(seed: int, role: Role, file: str) -> str:
-    """Return where a submission keeps a checkpoint's file."""
-    return str(PurePosixPath(files.CHECKPOINTS, f"seed-{seed}", role.value, file))
-
-
 SEE = "see docs/reference/files.md"
 
 
@@ -243,13 +233,14 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
 
 def in_place(seed: TrainingSeed) -> TrainingSeed:
     """Return a training seed with the only paths there are, whatever it says: none leads out."""
+    folder = f"seed-{seed.seed}"
     checkpoints = (
         file
         if file.is_reference or not file.path
-        else replace(file, path=checkpoint_place(seed.seed, file.role, file.file))
+        else replace(file, path=f"{files.CHECKPOINTS}/{folder}/{file.role}/{file.file}")
         for file in seed.checkpoints
     )
-    runs = {suite: run_place(seed.seed, suite) for suite in seed.runs}
+    runs = {suite: f"{folder}/{suite}" for suite in seed.runs}
     return replace(seed, runs=runs, checkpoints=tuple(checkpoints))
 
 

@@ -15,8 +15,6 @@ from minitouch_bench.leaderboard.submission import (
     CheckpointFile,
     Submission,
     TrainingSeed,
-    checkpoint_place,
-    run_place,
 )
 from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
 from minitouch_bench.runs.actions import write_actions
@@ -100,9 +98,9 @@ def make_submission(
         for suite in suites:
             explored = exploration and suite == "table4"
             run = official_run(suite, skill, seed, exploration=explored, faults=faults, kind=kind)
-            write_official(run, directory / run_place(seed, suite))
+            write_official(run, directory / f"seed-{seed}" / suite)
         files = _files(directory, seed, exploration, include) if kind == "native" else ()
-        entries.append(TrainingSeed(seed, {s: run_place(seed, s) for s in suites}, files))
+        entries.append(TrainingSeed(seed, {s: f"seed-{seed}/{s}" for s in suites}, files))
     told = replace(about, name=name, modalities=modalities, seeds=tuple(entries))
     (directory / "submission.toml").write_text(write_toml(told))
     if level is not ProofLevel.SELF_REPORTED:
@@ -122,14 +120,14 @@ def prove_as(directory: Path, level: ProofLevel = ProofLevel.VERIFIED) -> None:
 
 def checkpoint_of(directory: Path, seed: int, role: Role, task: str, name: str) -> CheckpointFile:
     """Return what ``submission.toml`` says of a checkpoint that is in its place."""
-    place = checkpoint_place(seed, role, name)
+    place = f"checkpoints/seed-{seed}/{role}/{name}"
     digest = hashlib.sha256((directory / place).read_bytes()).hexdigest()
     return CheckpointFile(role, task, name, digest, place)
 
 
 def findings_of(directory: Path, run: Run, *checkpoints: CheckpointFile) -> SubmissionFindings:
     """Return what is found of a submission with this run: only its episodes are looked at."""
-    place = run_place(0, "table4")
+    place = "seed-0/table4"
     seed = TrainingSeed(0, {"table4": place}, checkpoints)
     submission = Submission(name=directory.name, seeds=(seed,))
     files = {"run.json": "0" * 64}
@@ -142,7 +140,7 @@ def _files(directory: Path, seed: int, exploration: bool, include: bool):
     digest = hashlib.sha256(CHECKPOINT).hexdigest()
     files = []
     for role in (Role.FINAL, *([Role.EXPLORATION] if exploration else [])):
-        place = checkpoint_place(seed, role, "hac.safetensors") if include else ""
+        place = f"checkpoints/seed-{seed}/{role}/hac.safetensors" if include else ""
         files.append(CheckpointFile(role, ALL_TASKS, "hac.safetensors", digest, place))
         if include:
             (directory / place).parent.mkdir(parents=True)
