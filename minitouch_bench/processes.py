@@ -216,23 +216,20 @@ class _Worker(Generic[Job, Result]):
     """The parent's side of one worker process; ``task`` is (index of its job, attempt)."""
 
     def __init__(self, function: Callable[[Job], Result]) -> None:
+        self.task: tuple[int, int] | None = None
         try:
-            self._start()
+            self.connection, theirs = Pipe()
+            command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
+            with theirs, interrupts_held():
+                environment = {**os.environ, **ARITHMETIC}
+                self.process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),), env=environment
+                )
+            self.sentinel = watch(self.process.pid)
         except (OSError, RuntimeError) as error:  # too many files or threads, or no memory
             raise InfrastructureError(f"no worker can be started: {error}") from error
-        self.task: tuple[int, int] | None = None
         self.send(sys.path)
         self.send(cloudpickle.dumps(function))
-
-    def _start(self) -> None:
-        self.connection, theirs = Pipe()
-        command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
-        with theirs, interrupts_held():
-            environment = {**os.environ, **ARITHMETIC}
-            self.process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),), env=environment
-            )
-        self.sentinel = watch(self.process.pid)
 
     def send(self, message: object) -> None:
         """Hand over a job; a worker that has died is found by its sentinel."""

@@ -119,12 +119,12 @@ def _acting_part(policy: object) -> Any:
     """
     if _has_act(policy):
         return policy
-    module = policy
-    if _is_sb3_model(policy):
+    module, sb3 = policy, sys.modules.get("stable_baselines3.common.base_class")
+    if sb3 is not None and isinstance(policy, sb3.BaseAlgorithm):
         from minitouch_bench.policies.sb3 import refuse_normalized  # noqa: PLC0415  imports torch
 
         refuse_normalized(vars(policy))
-        module = policy.policy  # type: ignore[attr-defined]
+        module = policy.policy
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
         raise PolicyLoadError(
@@ -152,11 +152,6 @@ def _as_policy(acting: Any, deterministic: bool) -> Policy:
 
 def _has_act(policy: object) -> bool:
     return callable(getattr(policy, "act", None))
-
-
-def _is_sb3_model(policy: object) -> bool:
-    module = sys.modules.get("stable_baselines3.common.base_class")
-    return module is not None and isinstance(policy, module.BaseAlgorithm)
 
 
 class RandomPolicy:

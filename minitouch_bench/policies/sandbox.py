@@ -246,16 +246,11 @@ def _try_out(sandbox: Sandbox, file: str) -> NoReturn:
     os._exit(ENTERED)
 
 
-def _fork() -> None:
-    if os.fork() == 0:
-        os._exit(0)
-
-
 ESCAPES: Mapping[str, Callable[[str], object]] = {
     "list the root folder": lambda _: os.listdir("/"),
     "read /etc/passwd": lambda _: os.open("/etc/passwd", os.O_RDONLY),
     "open a socket": lambda _: socket.socket(),
-    "start a process": lambda _: _fork(),
+    "start a process": lambda _: os.fork() or os._exit(0),
     "start a program": lambda _: os.execv("/proc/self/exe", ["x", "-c", ""]),
     "signal another process": lambda _: os.kill(os.getppid(), 0),
     "trace another process": lambda _: kernel.system_call(101, 16, os.getppid(), 0, 0),

@@ -36,8 +36,6 @@ FRAMES_PER_SECOND = 8
 PICTURE_SIZE = (240, 240)
 """Pixels of a picture for people, width and height."""
 
-Scenes = NDArray[np.uint8]
-
 
 class _FilmedPolicy:
     """A policy with a camera: before each action it keeps the scene, and what it was given."""
@@ -91,11 +89,16 @@ def write_video(film: Film, path: Path) -> None:
         MissingExtraError: an ``.mp4`` needs the extra ``video``.
         RunDirectoryError: the file cannot be written.
     """
-    write = _write_mp4 if path.suffix == ".mp4" else _write_gif
     with os_errors_as(RunDirectoryError, path, "written"), TemporaryDirectory() as folder:
-        unfinished = Path(folder) / path.name
-        write(film.scenes, unfinished)
-        write_file(path, unfinished.read_bytes())
+        file = Path(folder) / path.name
+        if path.suffix == ".mp4":
+            library = require_video()
+            library.mimwrite(file, film.scenes, fps=FRAMES_PER_SECOND, macro_block_size=16)
+        else:
+            first, *rest = map(Image.fromarray, film.scenes)
+            duration_ms = 1000 // FRAMES_PER_SECOND
+            first.save(file, save_all=True, append_images=rest, duration=duration_ms, loop=0)
+        write_file(path, file.read_bytes())
 
 
 def video_suffix() -> str:
@@ -111,16 +114,6 @@ def require_video() -> Any:
     """
     require("imageio_ffmpeg", "video")
     return require("imageio.v2", "video")
-
-
-def _write_mp4(scenes: Scenes, path: Path) -> None:
-    require_video().mimwrite(path, scenes, fps=FRAMES_PER_SECOND, macro_block_size=16)
-
-
-def _write_gif(scenes: Scenes, path: Path) -> None:
-    first, *rest = map(Image.fromarray, scenes)
-    milliseconds = 1000 // FRAMES_PER_SECOND
-    first.save(path, save_all=True, append_images=rest, duration=milliseconds, loop=0)
 
 
 def show_episode(run: Run, key: str) -> EpisodePage:

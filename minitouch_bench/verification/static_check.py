@@ -77,27 +77,18 @@ class Findings:
         return not self.problems
 
 
-class Problems:
-    """The problems found so far; a check goes on after the first one."""
-
-    def __init__(self) -> None:
-        self._found: dict[Problem, None] = {}
-
-    def __iter__(self) -> Iterator[Problem]:
-        return iter(self._found)
-
-    def __len__(self) -> int:
-        return len(self._found)
+class Problems(dict[Problem, None]):
+    """The problems found so far, in order; a check goes on after the first one."""
 
     def add(self, place: str, what: str, remedy: str = "", *, unchecked: bool = False) -> None:
         """Keep a problem; equal ones count once."""
-        self._found[Problem(place, what, remedy, is_unchecked=unchecked)] = None
+        self[Problem(place, what, remedy, is_unchecked=unchecked)] = None
 
     def add_below(self, place: str, problems: Iterable[Problem], remedy: str = "") -> None:
         """Keep the problems of something that lies at ``place``, with a remedy of all."""
         for one in problems:
             moved = replace(one, place=f"{place}, {one.place}", remedy=remedy or one.remedy)
-            self._found[moved] = None
+            self[moved] = None
 
     @contextmanager
     def caught(self, place: str, remedy: str = "") -> Iterator[None]:
