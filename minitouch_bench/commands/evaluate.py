@@ -13,12 +13,7 @@ from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import PERTURBATION_NAMES, SENSES
 from minitouch_bench.policies.policy import Isolation
-from minitouch_bench.protocol.minitouch import (
-    ACT_TIMEOUT_S,
-    EPISODE_TIMEOUT_S,
-    MAIN_SUITE,
-    SUITE_NAMES,
-)
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, SUITE_NAMES, USUAL_LIMITS
 
 
 def evaluate(
@@ -106,8 +101,8 @@ def evaluate(
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
-    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
-    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+    act_timeout: options.ActTimeout = USUAL_LIMITS.act_timeout_s,
+    episode_timeout: options.EpisodeTimeout = USUAL_LIMITS.episode_timeout_s,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
     from minitouch_bench import api

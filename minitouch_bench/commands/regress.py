@@ -14,7 +14,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
 from minitouch_bench.policies.policy import Isolation, isolation_options
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -82,8 +82,8 @@ def regress(
     fresh: options.Fresh = False,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
-    act_timeout: options.ActTimeout = ACT_TIMEOUT_S,
-    episode_timeout: options.EpisodeTimeout = EPISODE_TIMEOUT_S,
+    act_timeout: options.ActTimeout = USUAL_LIMITS.act_timeout_s,
+    episode_timeout: options.EpisodeTimeout = USUAL_LIMITS.episode_timeout_s,
     junit: Annotated[
         Path | None, output_option(metavar="FILE", help="Write JUnit XML to this file.")
     ] = None,

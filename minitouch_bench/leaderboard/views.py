@@ -19,12 +19,8 @@ from minitouch_bench.leaderboard.board import (
 )
 from minitouch_bench.leaderboard.ranking import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
-from minitouch_bench.metrics.definitions import (
-    METRICS,
-    ShownIn,
-    intervals_in_words,
-    metrics_shown_in,
-)
+from minitouch_bench.metrics import definitions
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
 from minitouch_bench.reporting import labels, tables
@@ -241,6 +237,7 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
 
 def notes() -> tuple[str, ...]:
     """Return what must be said below every table."""
+    intervals = definitions.intervals_in_words(ranking.BOARD_METRICS)
     floors = [f"{value:.2f} in {task_title(task)}" for task, value in ranking.FLOOR_SUCCESS.items()]
     return (
         "A rank is 1 + the number of rows that are significantly better; its range ends before "
@@ -253,7 +250,7 @@ def notes() -> tuple[str, ...]:
         "episodes are the same. The number is a guess: a true difference half as large needs four "
         f"times as many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which "
         "does not show how its seeds vary.",
-        f"Brackets: 95 % interval. One training seed: {intervals_in_words(ranking.BOARD_METRICS)}; "
+        f"Brackets: 95 % interval. One training seed: {intervals}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         "Learned: the lower end of a training seed's interval of success is above "
         f"{listed(floors)}, the best of {listed(FLOORS)}.",

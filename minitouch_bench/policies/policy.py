@@ -13,13 +13,7 @@ from minitouch_bench.episode import PolicyIdentity
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError, describe
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
-from minitouch_bench.protocol.minitouch import (
-    ACT_TIMEOUT_S,
-    EPISODE_TIMEOUT_S,
-    PROTOCOL,
-    USUAL_LIMITS,
-    PolicyLimits,
-)
+from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
 
 Observation = Mapping[str, NDArray[Any]]
 """``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
@@ -167,8 +161,8 @@ SANDBOXED = IsolationOptions()
 def isolation_options(
     isolation: str,
     trust: bool,
-    act_timeout: float = ACT_TIMEOUT_S,
-    episode_timeout: float = EPISODE_TIMEOUT_S,
+    act_timeout: float = USUAL_LIMITS.act_timeout_s,
+    episode_timeout: float = USUAL_LIMITS.episode_timeout_s,
 ) -> IsolationOptions:
     """Return how to isolate a policy.
 
