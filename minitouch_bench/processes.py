@@ -18,7 +18,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -188,13 +187,13 @@ def run_in_workers(
                 assert worker.task is not None
                 (index, attempt), worker.task = worker.task, None
                 result = worker.receive()
-                if not isinstance(result, _Failure):
+                if not isinstance(result, MiniTouchError):
                     yield index, result
                     continue
-                if result.error is not None:
-                    raise result.error
+                if not isinstance(result, InfrastructureError):
+                    raise result
                 if attempt == MAX_ATTEMPTS:
-                    text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result.reason}"
+                    text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result}"
                     raise InfrastructureError(text)
                 waiting.appendleft((index, attempt + 1))
                 pool.remove(worker)
@@ -202,14 +201,6 @@ def run_in_workers(
     finally:
         for worker in pool:
             worker.close()
-
-
-@dataclass(frozen=True)
-class _Failure:
-    """A job that gave no result; ``error`` is the user's, which no other attempt would change."""
-
-    reason: str
-    error: MiniTouchError | None = None
 
 
 class _Worker(Generic[Job, Result]):
@@ -236,11 +227,11 @@ class _Worker(Generic[Job, Result]):
         with contextlib.suppress(OSError):
             self.connection.send(message)
 
-    def receive(self) -> Result | _Failure:
-        """Return what came of the job."""
+    def receive(self) -> Result | MiniTouchError:
+        """Return what came of the job, or the error that it ended with."""
         with contextlib.suppress(EOFError, OSError):
             return self.connection.recv()
-        return _Failure(f"its worker ended (exit code {self._wait()})")
+        return InfrastructureError(f"its worker ended (exit code {self._wait()})")
 
     def close(self) -> None:
         """End the process; what it was doing is lost."""
@@ -272,8 +263,7 @@ def serve(connection: Connection, parent: int) -> None:
             try:
                 answer = function(job)
             except MiniTouchError as error:
-                is_ours = isinstance(error, InfrastructureError)
-                answer = _Failure(str(error), None if is_ours else error)
+                answer = error
             except Exception as error:
-                answer = _Failure(f"{type(error).__name__}: {error}")
+                answer = InfrastructureError(f"{type(error).__name__}: {error}")
             connection.send(answer)
