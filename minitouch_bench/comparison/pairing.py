@@ -121,8 +121,6 @@ class PairedValues:
     def of(cls, pairs: Pairs, task: str, metric: str, tasks: tuple[str, ...]) -> "PairedValues":
         """Return the values of those pairs that are of these tasks and have one in both runs."""
         known = METRICS[metric]
-        if len(tasks) > 1 and not known.statistic.is_additive:
-            raise UsageError(f"{metric} has no mean over tasks: {', '.join(tasks)}")
         both = [
             (known.value(first), known.value(second))
             for key, (first, second) in pairs.items()
@@ -254,7 +252,7 @@ def episodes_needed(
     """Return about how many episodes settle a difference in four of five cases, if it is as seen.
 
     ``tolerance``: see ``Statistic.episodes_needed``; None where any difference is to be shown.
-    None is returned for no difference, too many episodes, or a quantile, which has no formula.
+    None is returned for no difference or too many episodes.
     """
     worse = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
     if tolerance is None:

@@ -105,8 +105,6 @@ def compare_trainings(sides: Sequence[Sequence[pairing.PairedValues]]) -> pairin
     """
     like = sides[0][0]
     metric = METRICS[like.metric]
-    if not metric.statistic.is_additive:
-        raise UsageError(f"{like.metric} has no test over training seeds")
     before, after = (np.array([values.second for values in side]) for side in sides)
     found = intervals.mean_differences([[after, before]])
     value, variance, freedom = (

@@ -132,14 +132,11 @@ def bootstrap(
     statistic: Callable[..., NDArray[np.float64]],
     rng: np.random.Generator,
     resamples: int = RESAMPLES,
-    *,
-    method: str = "BCa",
-    paired: bool = False,
 ) -> Estimate:
     """Estimate a statistic of one or two samples; an end that is NaN becomes the value.
 
-    ``statistic`` takes the samples and the ``axis`` along which they lie. Those that are
-    ``paired`` are resampled together.
+    ``statistic`` takes the samples and the ``axis`` along which they lie. Each is resampled by
+    itself.
 
     Raises:
         ValueError: a sample has no values, or is not one-dimensional.
@@ -147,14 +144,13 @@ def bootstrap(
     arrays = [np.asarray(sample, dtype=np.float64) for sample in samples]
     if any(array.ndim != 1 or array.size == 0 for array in arrays):
         raise ValueError("the bootstrap needs one-dimensional, non-empty samples")
-    count = arrays[0].size if paired else sum(array.size for array in arrays)
+    count = sum(array.size for array in arrays)
     if all(np.ptp(array) == 0.0 for array in arrays):
         # Rounding would give the mean of equal values a width of 1e-17.
         constant = float(statistic(*(array[:1] for array in arrays), axis=0))
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
     interval = scipy.stats.bootstrap(
-        arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count),
-        method=method, paired=paired, rng=rng,
+        arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count), rng=rng
     ).confidence_interval  # fmt: skip
     value = float(statistic(*arrays, axis=0))
     return Estimate(

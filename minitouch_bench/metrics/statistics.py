@@ -1,4 +1,4 @@
-"""What the episodes' values of a metric are condensed to: a share, a mean, a quantile.
+"""What the episodes' values of a metric are condensed to: a share or a mean.
 
 Each metric names its statistic, and a statistic brings all that a table needs of it: the estimate
 with its interval, the difference of two sets of episodes, and the test of two policies on the same
@@ -21,7 +21,6 @@ from minitouch_bench.metrics.intervals import (
     NORMAL_QUANTILE,
     RESAMPLES,
     Estimate,
-    bootstrap,
     bootstrap_difference,
     bootstrap_mean,
     newcombe,
@@ -31,9 +30,6 @@ from minitouch_bench.metrics.intervals import (
 Floats = NDArray[np.float64]
 Values = Sequence[float] | Floats
 Rng = np.random.Generator
-
-SWAPS = 2_000
-"""Exchanges of paired values that the test of a quantile draws."""
 
 
 class PairedResult(NamedTuple):
@@ -46,13 +42,12 @@ class PairedResult(NamedTuple):
 class Statistic(ABC):
     """A number that describes the values of many episodes.
 
+    Over tasks with equally many episodes, the mean of its values is its value of all episodes.
     ``interval`` and ``paired`` say in words how it is estimated and how two policies are compared.
-    ``is_additive``: over tasks with equally many episodes, its mean is its value of all episodes.
     """
 
     interval: str
     paired: str
-    is_additive: bool
 
     def value(self, values: Floats) -> float:
         """Return the statistic of values, float64 (N,): the mean, of which a share is one."""
@@ -88,7 +83,6 @@ class Share(Statistic):
 
     interval = "Wilson for shares"
     paired = "Tango's score interval and the exact McNemar test for shares of episodes"
-    is_additive = True
 
     def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the share with Wilson's interval; nothing is drawn."""
@@ -129,7 +123,6 @@ class Mean(Statistic):
 
     interval = "bootstrap over episodes for means (too narrow where few of them carry the mean)"
     paired = "BCa bootstrap and flips of signs for means"
-    is_additive = True
 
     def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the mean with the BCa bootstrap."""
@@ -165,66 +158,6 @@ class Mean(Statistic):
             shown = needed(worsening, _two_sided(level))
             return max(shown, needed(worsening - tolerance, 0.0), math.ceil(math.log2(2 / level)))
         return max(needed(tolerance - worsening, NORMAL_QUANTILE), FEWEST_FOR_A_MEAN)
-
-
-@dataclass(frozen=True)
-class Quantile(Statistic):
-    """The value that a share ``level`` of the episodes do not exceed.
-
-    The interval between two order statistics needs log(0.025) / log(level) episodes and as many
-    for 1 - level: 36 for a 90th percentile. With fewer an end is the extreme value seen, and the
-    interval is too narrow.
-    """
-
-    level: float
-    interval = "order statistics for quantiles"
-    paired = "bootstrap and exchanges within pairs for quantiles"
-    is_additive = False
-
-    def value(self, values: Floats) -> float:
-        """Return the quantile: an observed value."""
-        return float(self._of(values, axis=0))
-
-    def estimate(self, values: Values, rng: Rng) -> Estimate:
-        """Estimate the quantile with the interval between order statistics; nothing is drawn.
-
-        Source: W. J. Conover, "Practical nonparametric statistics" (1999), ch. 3.2.
-        """
-        sample = np.asarray(values, np.float64)
-        test = scipy.stats.quantile_test(sample, p=self.level)
-        low, high = test.confidence_interval(confidence_level=0.95)
-        value = self.value(sample)
-        low = float(sample.min()) if math.isnan(low) else min(float(low), value)
-        high = float(sample.max()) if math.isnan(high) else max(float(high), value)
-        return Estimate(value, low, high, len(sample), "order statistics")
-
-    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
-        """Estimate the difference with the percentile bootstrap, each sample by itself."""
-        return bootstrap((first, second), self._difference, rng, method="percentile")
-
-    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
-        """Estimate the difference by resampling pairs; test it by exchanges within pairs."""
-        estimate = bootstrap(
-            (second, first), self._difference, rng, method="percentile", paired=True
-        )
-        if (first == second).all():
-            return PairedResult(estimate, 1.0)
-        test = scipy.stats.permutation_test(
-            (second, first), self._difference, permutation_type="samples", vectorized=True,
-            n_resamples=SWAPS, batch=100, rng=rng,
-        )  # fmt: skip
-        return PairedResult(estimate, float(test.pvalue))
-
-    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
-        """Return infinity: there is no formula."""
-        return math.inf
-
-    def _of(self, values: Floats, axis: int) -> Floats:
-        quantiles: Floats = np.quantile(values, self.level, axis=axis, method="inverted_cdf")
-        return quantiles
-
-    def _difference(self, first: Floats, second: Floats, axis: int) -> Floats:
-        return self._of(first, axis) - self._of(second, axis)
 
 
 SHARE, MEAN = Share(), Mean()

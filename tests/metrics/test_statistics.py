@@ -8,15 +8,12 @@ from minitouch_bench.metrics.intervals import NORMAL_QUANTILE, newcombe, wilson
 from minitouch_bench.metrics.statistics import (
     MEAN,
     SHARE,
-    Quantile,
     holm,
     mcnemar_p,
     score_statistic,
     sign_flip_p,
     tango,
 )
-
-TENTH = Quantile(0.9)
 
 
 def rng(seed=0):
@@ -41,40 +38,6 @@ def test_a_mean_has_the_bootstrap_and_flips_of_signs():
     assert found.estimate.value == pytest.approx((second - first).mean())
     assert found.p_value == pytest.approx(sign_flip_p(second - first, rng(6)), abs=0.02)
     assert MEAN.difference(first, second, rng()).value == pytest.approx((first - second).mean())
-
-
-def test_a_quantile_is_an_observed_value_between_order_statistics():
-    values = rng(1).permutation(np.arange(1.0, 101.0))
-    found = TENTH.estimate(values.tolist(), rng())
-    assert (found.value, found.low, found.high, found.count) == (90, 84, 96, 100)
-    few = TENTH.estimate([1.0, 2.0, 3.0], rng())
-    assert few.low == 1
-    assert few.high == few.value == 3
-
-
-def test_a_longer_tail_is_found_by_a_quantile_and_not_by_the_mean():
-    first = rng(1).normal(100, 1, 100)
-    second = first.copy()
-    second[:20] += 50
-    second[20:] -= 12.5
-    assert TENTH.paired_test(first, second, rng()).p_value < 0.01
-    assert MEAN.paired_test(first, second, rng()).p_value > 0.5
-    apart = TENTH.difference(second, first, rng())
-    assert 0 < apart.low <= apart.value <= apart.high
-
-
-def test_the_interval_of_a_quantile_and_its_test_hold_their_level():
-    generator = rng(3)
-    truth = 2.302585  # of the exponential distribution
-    covered = [
-        found.low <= truth <= found.high
-        for found in (TENTH.estimate(generator.exponential(1, 100), generator) for _ in range(500))
-    ]
-    assert 0.92 <= np.mean(covered) <= 0.99
-    hard = generator.gamma(2, 1, (50, 60))
-    pairs = [(row + generator.gamma(1, 1, 60), row + generator.gamma(1, 1, 60)) for row in hard]
-    p_values = [TENTH.paired_test(*pair, generator).p_value for pair in pairs]
-    assert np.mean(np.array(p_values) <= 0.05) <= 0.12
 
 
 # The paired test of a mean
