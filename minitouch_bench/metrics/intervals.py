@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -78,47 +79,6 @@ def newcombe(first: Estimate, second: Estimate) -> Estimate:
     return Estimate(value, value - below, value + above, first.count + second.count, NEWCOMBE)
 
 
-def bootstrap_mean(
-    values: Sequence[float] | NDArray[np.float64],
-    rng: np.random.Generator,
-    resamples: int = RESAMPLES,
-) -> Estimate:
-    """Estimate a mean with the bootstrap over episodes.
-
-    The percentiles of the resampled means are corrected for bias and acceleration (BCa), so
-    that the interval follows a skewed sample: a few long episodes among short ones. Its ends
-    stay inside the range of the values (a count of steps is never below 0). It is a little
-    narrow for few episodes, and equal values give an interval of width 0: it then says only
-    that no variation was seen.
-
-    Raises:
-        ValueError: no values.
-
-    Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987).
-    """
-    return bootstrap((values,), np.mean, rng, resamples)
-
-
-def bootstrap_difference(
-    first: Sequence[float] | NDArray[np.float64],
-    second: Sequence[float] | NDArray[np.float64],
-    rng: np.random.Generator,
-    resamples: int = RESAMPLES,
-) -> Estimate:
-    """Estimate the difference of two means, first minus second, over independent episodes.
-
-    Each sample is resampled by itself. Where both have no variation the width is 0, as in
-    ``bootstrap_mean``, whose correction it has.
-
-    Raises:
-        ValueError: no values.
-
-    Source: B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8
-    and 14.
-    """
-    return bootstrap((first, second), mean_difference, rng, resamples)
-
-
 def mean_difference(
     first: NDArray[np.float64], second: NDArray[np.float64], axis: int
 ) -> NDArray[np.float64]:
@@ -129,21 +89,28 @@ def mean_difference(
 
 def bootstrap(
     samples: Sequence[Sequence[float] | NDArray[np.float64]],
-    statistic: Callable[..., NDArray[np.float64]],
     rng: np.random.Generator,
     resamples: int = RESAMPLES,
 ) -> Estimate:
-    """Estimate a statistic of one or two samples; an end that is NaN becomes the value.
+    """Estimate the mean of one sample of episodes, or the difference of the means of two.
 
-    ``statistic`` takes the samples and the ``axis`` along which they lie. Each is resampled by
-    itself.
+    The percentiles of the resampled means are corrected for bias and acceleration (BCa), so
+    that the interval follows a skewed sample: a few long episodes among short ones. The ends of a
+    mean's interval stay inside the range of the values (a count of steps is never below 0). It is a
+    little narrow for few episodes, and equal values give an interval of width 0: it then says only
+    that no variation was seen.
+
+    A difference is the first minus the second, over independent episodes: each sample is resampled
+    by itself.
 
     Raises:
-        ValueError: a sample has no values, or is not one-dimensional.
+        ValueError: a sample has no values.
+
+    Source: B. Efron, "Better bootstrap confidence intervals", J. Am. Stat. Assoc. 82 (1987);
+    B. Efron and R. J. Tibshirani, "An introduction to the bootstrap" (1993), ch. 8 and 14.
     """
+    statistic: Callable[..., Any] = np.mean if len(samples) == 1 else mean_difference
     arrays = [np.asarray(sample, dtype=np.float64) for sample in samples]
-    if any(array.ndim != 1 or array.size == 0 for array in arrays):
-        raise ValueError("the bootstrap needs one-dimensional, non-empty samples")
     count = sum(array.size for array in arrays)
     if all(np.ptp(array) == 0.0 for array in arrays):
         # Rounding would give the mean of equal values a width of 1e-17.
@@ -151,11 +118,11 @@ def bootstrap(
         return Estimate(constant, constant, constant, count, BOOTSTRAP)
     interval = scipy.stats.bootstrap(
         arrays, statistic, n_resamples=resamples, batch=max(1, DRAWS_PER_BLOCK // count), rng=rng
-    ).confidence_interval  # fmt: skip
+    ).confidence_interval
     value = float(statistic(*arrays, axis=0))
     return Estimate(
         value,
-        float(np.fmin(interval.low, value)),
+        float(np.fmin(interval.low, value)),  # an end that is NaN becomes the value
         float(np.fmax(interval.high, value)),
         count,
         BOOTSTRAP,

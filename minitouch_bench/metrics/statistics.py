@@ -21,8 +21,7 @@ from minitouch_bench.metrics.intervals import (
     NORMAL_QUANTILE,
     RESAMPLES,
     Estimate,
-    bootstrap_difference,
-    bootstrap_mean,
+    bootstrap,
     newcombe,
     wilson,
 )
@@ -126,11 +125,11 @@ class Mean(Statistic):
 
     def estimate(self, values: Values, rng: Rng) -> Estimate:
         """Estimate the mean with the BCa bootstrap."""
-        return bootstrap_mean(values, rng)
+        return bootstrap((values,), rng)
 
     def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
         """Estimate the difference with the BCa bootstrap, each sample resampled by itself."""
-        return bootstrap_difference(first, second, rng)
+        return bootstrap((first, second), rng)
 
     def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
         """Estimate the mean difference with the BCa bootstrap, by flips of its signs.
@@ -138,7 +137,7 @@ class Mean(Statistic):
         The interval is too narrow where few episodes differ or a few carry the difference.
         """
         differences = second - first
-        return PairedResult(bootstrap_mean(differences, rng), sign_flip_p(differences, rng))
+        return PairedResult(bootstrap((differences,), rng), sign_flip_p(differences, rng))
 
     def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
         """Return the episodes of a paired t test, or of the interval of a mean.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.comparison.pairing import PairedValues, episodes_needed
-from minitouch_bench.metrics.intervals import bootstrap_mean
+from minitouch_bench.metrics.intervals import bootstrap
 from minitouch_bench.metrics.statistics import (
     FEWEST_FOR_A_MEAN,
     mcnemar_p,
@@ -81,7 +81,7 @@ def test_so_many_episodes_show_a_difference_of_means_in_four_of_five_cases(worse
 def test_so_many_episodes_exclude_a_worsening_of_a_mean_in_four_of_five_cases():
     needed = episodes_needed(means(100, 1.0, 14.0), 0.1, 5.0)
     rng, trials = np.random.default_rng(2), 600
-    ends = [bootstrap_mean(rng.normal(1.0, 14, needed), rng, 2000).high for _ in range(trials)]
+    ends = [bootstrap([rng.normal(1.0, 14, needed)], rng, 2000).high for _ in range(trials)]
     assert abs(np.mean([end < 5.0 for end in ends]) - 0.8) <= 3 * math.sqrt(0.16 / trials) + 0.02
 
 

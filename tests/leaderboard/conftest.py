@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench.metrics import intervals
+from minitouch_bench.metrics import statistics
 from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 from tests.leaderboard.synthetic import make_submission
 
@@ -11,15 +11,9 @@ from tests.leaderboard.synthetic import make_submission
 @pytest.fixture(scope="package", autouse=True)
 def few_resamples():
     """Estimate from few resamples: these tests need the same intervals twice, not good ones."""
-    whole = intervals.bootstrap
+    whole = statistics.bootstrap
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            intervals,
-            "bootstrap",
-            lambda samples, statistic, rng, _, **options: whole(
-                samples, statistic, rng, 100, **options
-            ),
-        )
+        patch.setattr(statistics, "bootstrap", lambda samples, rng: whole(samples, rng, 100))
         yield
 
 

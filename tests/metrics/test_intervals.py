@@ -7,8 +7,7 @@ from scipy import stats
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import (
     Estimate,
-    bootstrap_difference,
-    bootstrap_mean,
+    bootstrap,
     newcombe,
     over_seeds,
     quadrature,
@@ -52,7 +51,7 @@ def test_wilson_covers_the_truth_95_percent_of_the_time(share, n):
 
 def test_bootstrap_covers_the_truth_95_percent_of_the_time():
     rng = np.random.default_rng(7)
-    estimates = [bootstrap_mean(rng.poisson(3, 100), rng, resamples=500) for _ in range(800)]
+    estimates = [bootstrap([rng.poisson(3, 100)], rng, resamples=500) for _ in range(800)]
     assert 0.93 <= np.mean([e.low <= 3 <= e.high for e in estimates]) <= 0.97
 
 
@@ -102,22 +101,22 @@ def test_bootstrap_covers_the_truth_of_skewed_episodes(draw):
     rng = np.random.default_rng(7)
     if truth is None:
         truth = np.mean([make(rng).mean() for _ in range(40_000)])
-    estimates = [bootstrap_mean(make(rng), rng, resamples=1000) for _ in range(2000)]
+    estimates = [bootstrap([make(rng)], rng, resamples=1000) for _ in range(2000)]
     covered = np.mean([e.low <= truth <= e.high for e in estimates])
     assert least <= covered <= 0.97
 
 
 def test_bootstrap_repeats_with_the_seed():
     values = np.random.default_rng(1).gamma(2, 30, 80)
-    first = bootstrap_mean(values, np.random.default_rng(5))
-    assert first == bootstrap_mean(values, np.random.default_rng(5))
-    assert first != bootstrap_mean(values, np.random.default_rng(6))
+    first = bootstrap([values], np.random.default_rng(5))
+    assert first == bootstrap([values], np.random.default_rng(5))
+    assert first != bootstrap([values], np.random.default_rng(6))
     assert first.low < first.value < first.high
     assert (first.count, first.method) == (80, "bootstrap")
 
 
 def test_bootstrap_stays_inside_the_values():
-    estimate = bootstrap_mean([0, 0, 0, 90], np.random.default_rng(0))
+    estimate = bootstrap([[0, 0, 0, 90]], np.random.default_rng(0))
     assert estimate.low >= 0
     assert estimate.high <= 90
 
@@ -161,18 +160,18 @@ def test_newcombe_covers_the_truth_95_percent_of_the_time(held_out, train):
 def test_bootstrap_of_a_difference_covers_the_truth_95_percent_of_the_time():
     rng = np.random.default_rng(7)
     found = [
-        bootstrap_difference(rng.normal(5, 2, 100), rng.poisson(3, 80), rng, resamples=400)
+        bootstrap((rng.normal(5, 2, 100), rng.poisson(3, 80)), rng, resamples=400)
         for _ in range(800)
     ]
     assert 0.93 <= np.mean([e.low <= 2 <= e.high for e in found]) <= 0.97
 
 
 def test_bootstrap_of_equal_values_has_no_width():
-    alone = bootstrap_mean([0.1] * 7, np.random.default_rng(0))
+    alone = bootstrap([[0.1] * 7], np.random.default_rng(0))
     assert (alone.low, alone.value, alone.high) == (0.1, 0.1, 0.1)
-    found = bootstrap_difference([0.1] * 7, [0.1] * 3, np.random.default_rng(0))
+    found = bootstrap(([0.1] * 7, [0.1] * 3), np.random.default_rng(0))
     assert (found.low, found.value, found.high) == (0, 0, 0)
-    one = bootstrap_difference([0.1] * 7, [0.1, 0.3], np.random.default_rng(0))
+    one = bootstrap(([0.1] * 7, [0.1, 0.3]), np.random.default_rng(0))
     assert one.low < one.high
 
 
@@ -231,7 +230,7 @@ def test_five_seeds_cover_the_truth_as_the_documentation_says(draw):
 
 def test_means_over_seeds_are_no_narrower_than_over_all_episodes():
     rng = np.random.default_rng(0)
-    one = bootstrap_mean(rng.normal(3, 1, 50), rng)
+    one = bootstrap([rng.normal(3, 1, 50)], rng)
     equal = over_seeds([one] * 2, (0.0, math.inf))
     episodes = quadrature([one] * 2)
     assert (equal.low, equal.high) == (episodes.low, episodes.high)
