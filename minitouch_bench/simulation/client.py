@@ -186,28 +186,24 @@ class PhysicsClient:
         return int(load(str(path), position, orientation, useFixedBase=fixed, flags=flags))
 
     def add_box(
-        self, half_extents: Vector, position: Vector, color: Rgba, *, friction: float
+        self, half_extents: Vector, position: Vector, color: Rgba, *, friction: float | None = None
     ) -> int:
-        """Add a box (m) that never moves and return its id."""
-        shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_extents)
-        body = self._add_visible_box(shape, half_extents, position, color)
-        self._bullet.changeDynamics(body, -1, lateralFriction=friction)
-        return body
-
-    def add_ghost_box(self, half_extents: Vector, position: Vector, color: Rgba) -> int:
-        """Add a box that is seen and never touched, and return its id."""
-        return self._add_visible_box(-1, half_extents, position, color)
-
-    def _add_visible_box(
-        self, collision: int, half_extents: Vector, position: Vector, color: Rgba
-    ) -> int:
+        """Add a box (m) that never moves and return its id; without friction, one never touched."""
+        collision = -1
+        if friction is not None:
+            collision = self._bullet.createCollisionShape(
+                pybullet.GEOM_BOX, halfExtents=half_extents
+            )
         visual = self._bullet.createVisualShape(
             pybullet.GEOM_BOX,
             halfExtents=half_extents,
             rgbaColor=color,
             specularColor=(0.0, 0.0, 0.0),
         )
-        return int(self._bullet.createMultiBody(0.0, collision, visual, position))
+        body = int(self._bullet.createMultiBody(0.0, collision, visual, position))
+        if friction is not None:
+            self._bullet.changeDynamics(body, -1, lateralFriction=friction)
+        return body
 
     def colors(self) -> dict[Part, Rgba]:
         """Return the color of every link that has a picture."""

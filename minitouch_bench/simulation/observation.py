@@ -10,7 +10,7 @@ the one cue of height that a camera without stereo has, for the price of a compa
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -105,12 +105,8 @@ SIZE = OBSERVATION.image_size
 _WEIGHTS = tuple(np.uint32(weight) for weight in OBSERVATION.grey_weights)
 
 
-class Shadow(NamedTuple):
-    """A disc on the table: center x, y and radius (m)."""
-
-    x: float
-    y: float
-    radius: float
+Shadow = tuple[float, float, float]
+"""A disc on the table: center x, y and radius (m)."""
 
 
 class GrayCamera:
@@ -143,9 +139,9 @@ class GrayCamera:
     def _shaded(self, shadows: Sequence[Shadow]) -> NDArray[np.uint8]:
         """Return the background with less light where the shadows fall."""
         background = self._background
-        for shadow in shadows:
-            across, along = self._table_x - shadow.x, self._table_y - shadow.y
-            inside = across * across + along * along < shadow.radius * shadow.radius
+        for x, y, radius in shadows:
+            across, along = self._table_x - x, self._table_y - y
+            inside = across * across + along * along < radius * radius
             background = np.where(
                 inside & self._is_table, self._background * OBSERVATION.shadow_light, background
             )

@@ -222,8 +222,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         hand_x, hand_y, _ = self.arm.position
         object_x, object_y = self.client.pose(self.task.target_body).position[:2]
         return (
-            Shadow(hand_x, hand_y, OBSERVATION.hand_shadow_radius),
-            Shadow(object_x, object_y, OBSERVATION.object_shadow_radius),
+            (hand_x, hand_y, OBSERVATION.hand_shadow_radius),
+            (object_x, object_y, OBSERVATION.object_shadow_radius),
         )
 
     def _info(

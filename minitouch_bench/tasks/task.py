@@ -273,7 +273,7 @@ class Pushing(TabletopTask):
         half = self.spec.cube.side / 2
         height = PROTOCOL.physics.table_top + half
         color = PROTOCOL.observation.target_color
-        self._marker = client.add_ghost_box((half,) * 3, (*self.target, height), color)
+        self._marker = client.add_box((half,) * 3, (*self.target, height), color)
         return ((self._marker, -1),)
 
     def place_arm(self, arm: PandaArm) -> None:
