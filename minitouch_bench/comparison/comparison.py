@@ -1,6 +1,5 @@
 """Runs of the same episodes compared, each against the first, and shown."""
 
-import html
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
@@ -13,7 +12,6 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
-from minitouch_bench.metrics.summary import frame_html
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
@@ -89,7 +87,7 @@ class Comparison:
         return tables.as_text(comparison_blocks(self, gate_report.SHOWN_CHANGES))
 
     def _repr_html_(self) -> str:
-        return _blocks_html(comparison_blocks(self, gate_report.SHOWN_CHANGES))
+        return tables.as_html(comparison_blocks(self, gate_report.SHOWN_CHANGES))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -195,27 +193,6 @@ def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.B
         yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
     yield from map(tables.NoteBlock, comparison_notes())
-
-
-def _blocks_html(blocks: Iterator[tables.Block]) -> str:
-    """Return what a notebook shows; no text is read as markup."""
-    import pandas as pd  # noqa: PLC0415
-
-    parts = []
-    for block in blocks:
-        match block:
-            case tables.Heading():
-                parts.append(f"<h4>{html.escape(block.text)}</h4>")
-            case tables.NoteBlock():
-                parts.append(f"<p><small>{html.escape(block.text)}</small></p>")
-            case tables.Table():
-                heads = [*block.corner, *(column.label for column in block.columns)]
-                rows = ((*row.heads, *map(str, row.cells)) for row in block.rows)
-                drawn = frame_html(pd.DataFrame(rows, columns=heads), index=False)
-                parts.append(f"<p><b>{html.escape(block.title)}</b></p>{drawn}")
-            case _:
-                parts.append(f"<p>{html.escape(block)}</p>" if block else "")
-    return "\n".join(parts)
 
 
 def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:

@@ -345,12 +345,6 @@ def results_html(
     columns = ["unit", *(["value"] if alone else names)]
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
     head, note = html.escape(printable(title)), "Brackets: 95 % interval over episodes."
-    return f"<p><b>{head}</b></p>{frame_html(frame)}<p><small>{note}</small></p>"
-
-
-def frame_html(frame: "pd.DataFrame", *, index: bool = True) -> str:
-    """Write a frame of texts as HTML; nothing of it is read as markup, and nothing is cut."""
-    import pandas as pd  # noqa: PLC0415
-
-    with pd.option_context("display.max_colwidth", None):
-        return str(frame.to_html(index=index, border=0))
+    with pd.option_context("display.max_colwidth", None):  # nothing is cut
+        table = frame.to_html(border=0)
+    return f"<p><b>{head}</b></p>{table}<p><small>{note}</small></p>"

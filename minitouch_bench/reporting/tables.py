@@ -167,10 +167,20 @@ def on_screen(blocks: Iterable[Block]) -> Group:
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Return what a terminal of PAGE_WIDTH shows, without its styles."""
+    return "\n".join(line.rstrip() for line in _printed(blocks).export_text().splitlines())
+
+
+def as_html(blocks: Iterable[Block]) -> str:
+    """Return the same with its styles, for a notebook."""
+    form = '<pre style="line-height:normal;overflow-x:auto">{code}</pre>'
+    return _printed(blocks).export_html(inline_styles=True, code_format=form)
+
+
+def _printed(blocks: Iterable[Block]) -> Console:
     # A notebook would show by itself what is printed here, in addition to the returned text.
     console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
     console.print(on_screen(blocks))
-    return "\n".join(line.rstrip() for line in console.export_text().splitlines())
+    return console
 
 
 def _screen_table(table: Table) -> RichTable:
