@@ -27,7 +27,7 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
-from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, Share, holm
+from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, SHARE, holm
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
@@ -299,9 +299,8 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     """
     effect = pairing.paired_test(values, root)
     # The interval of a share is good for any number of episodes.
-    is_believed = effect.count >= FEWEST_FOR_A_MEAN or isinstance(
-        METRICS[effect.metric].statistic, Share
-    )
+    is_share = METRICS[effect.metric].statistic is SHARE
+    is_believed = is_share or effect.count >= FEWEST_FOR_A_MEAN
     endpoint = decide(effect, values.tasks, settings, is_believed=is_believed)
     if endpoint.decision is not Decision.NOT_ENOUGH:
         return endpoint

@@ -112,7 +112,7 @@ def compare_trainings(sides: Sequence[Sequence[pairing.PairedValues]]) -> pairin
     )
     reach = float(scipy.stats.t.ppf(intervals.INTERVAL_ENDS[1], freedom)) * math.sqrt(variance)
     low, high = value - reach, value + reach
-    if metric.statistic == SHARE:
+    if metric.statistic is SHARE:
         shares = (intervals.wilson(round(won.sum()), won.size) for won in (after, before))
         over_episodes = intervals.newcombe(*shares)
         low, high = min(low, over_episodes.low), max(high, over_episodes.high)

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count
 
+Floats = NDArray[np.float64]
+Values = Sequence[float] | Floats
+
 WILSON = "wilson"
 NEWCOMBE = "newcombe"
 BOOTSTRAP = "bootstrap"
@@ -79,18 +82,14 @@ def newcombe(first: Estimate, second: Estimate) -> Estimate:
     return Estimate(value, value - below, value + above, first.count + second.count, NEWCOMBE)
 
 
-def mean_difference(
-    first: NDArray[np.float64], second: NDArray[np.float64], axis: int
-) -> NDArray[np.float64]:
+def mean_difference(first: Floats, second: Floats, axis: int) -> Floats:
     """Return the difference of the means along an axis, first minus second."""
-    difference: NDArray[np.float64] = first.mean(axis) - second.mean(axis)
+    difference: Floats = first.mean(axis) - second.mean(axis)
     return difference
 
 
 def bootstrap(
-    samples: Sequence[Sequence[float] | NDArray[np.float64]],
-    rng: np.random.Generator,
-    resamples: int = RESAMPLES,
+    samples: Sequence[Values], rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Estimate:
     """Estimate the mean of one sample of episodes, or the difference of the means of two.
 
@@ -206,9 +205,6 @@ def quadrature(parts: Sequence[Estimate]) -> Estimate:
 def _rounded(estimate: Estimate) -> Estimate:
     value, low, high = (round(x, DIGITS) for x in (estimate.value, estimate.low, estimate.high))
     return replace(estimate, value=value, low=low, high=high)
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

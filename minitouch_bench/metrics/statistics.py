@@ -8,26 +8,25 @@ episodes. A new one is a class here; nothing falls back on a mean.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from minitouch_bench.metrics.intervals import (
     DRAWS_PER_BLOCK,
     NORMAL_QUANTILE,
     RESAMPLES,
     Estimate,
+    Floats,
+    Values,
     bootstrap,
     newcombe,
     wilson,
 )
 
-Floats = NDArray[np.float64]
-Values = Sequence[float] | Floats
 Rng = np.random.Generator
 
 
@@ -76,7 +75,6 @@ class Statistic(ABC):
         """
 
 
-@dataclass(frozen=True)
 class Share(Statistic):
     """The share of the episodes whose value is 1; the others have 0."""
 
@@ -116,7 +114,6 @@ class Share(Statistic):
         return max(excluded**2, NORMAL_QUANTILE**2 * (1.0 / distance - 1.0))
 
 
-@dataclass(frozen=True)
 class Mean(Statistic):
     """The mean over the episodes."""
 
@@ -196,7 +193,7 @@ def count_discordance(first: Floats, second: Floats) -> tuple[int, int, int]:
     return int((first > second).sum()), int((second > first).sum()), len(first)
 
 
-def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
+def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> Floats:
     """Return the two-sided p-value of the exact McNemar test, elementwise.
 
     ``lost`` and ``won`` count the pairs of which only the first, only the second succeeds.
@@ -206,9 +203,7 @@ def mcnemar_p(lost: ArrayLike, won: ArrayLike) -> NDArray[np.float64]:
     Source: Q. McNemar, "Note on the sampling error of the difference between correlated
     proportions or percentages", Psychometrika 12 (1947), with exact binomial tails.
     """
-    tails: NDArray[np.float64] = scipy.stats.binom.cdf(
-        np.minimum(lost, won), np.add(lost, won), 0.5
-    )
+    tails: Floats = scipy.stats.binom.cdf(np.minimum(lost, won), np.add(lost, won), 0.5)
     return np.minimum(1.0, 2.0 * tails)
 
 
@@ -254,7 +249,7 @@ def score_statistic(lost: int, won: int, n: int, difference: float) -> float:
     return distance / math.sqrt(variance)
 
 
-def sign_flip_p(differences: NDArray[np.float64], rng: Rng, resamples: int = RESAMPLES) -> float:
+def sign_flip_p(differences: Floats, rng: Rng, resamples: int = RESAMPLES) -> float:
     """Return the two-sided p-value of the sign-flip test of a mean of 0.
 
     It is exact however few the episodes where the policies are equal, and so the sign of each
