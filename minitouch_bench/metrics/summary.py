@@ -4,10 +4,10 @@ import html
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count, Episode, Outcome, PlayedEpisode, Role
 from minitouch_bench.errors import printable
@@ -219,15 +219,9 @@ def touch_curve(
     records: Sequence[PlayedEpisode], task: str
 ) -> tuple[tuple[float, ...], tuple[int, ...]]:
     """Return the mean contact ticks at each control step, and the episodes that reached it."""
-    records = [record for record in records if record.spec.task == task]
-    longest = max((len(record.trace.contact_ticks) for record in records), default=0)
-    total: NDArray[np.int64] = np.zeros(longest, dtype=np.int64)
-    reached: NDArray[np.int64] = np.zeros(longest, dtype=np.int64)
-    for record in records:
-        ticks = record.trace.contact_ticks
-        total[: len(ticks)] += ticks
-        reached[: len(ticks)] += 1
-    return tuple((total / reached).tolist()), tuple(reached.tolist())
+    ticks = [one.trace.contact_ticks.tolist() for one in records if one.spec.task == task]
+    reached = [[n for n in step if n is not None] for step in zip_longest(*ticks)]
+    return tuple(sum(step) / len(step) for step in reached), tuple(map(len, reached))
 
 
 def generalize(
