@@ -224,14 +224,12 @@ PRESETS = {"default": TrainingConfig, "paper": paper_config}
 """Builders of a task's settings by the preset's name."""
 
 
-PHASE_STEPS: Mapping[str, tuple[int, int]] = MappingProxyType(
-    {
-        "playing": (10_000, 0),
-        "pushing": (15_000, 15_000),
-        "opening": (10_000, 10_000),
-        "pick-up": (30_000, 20_000),
-    }
-)
+PHASE_STEPS: Mapping[str, tuple[int, int]] = {
+    "playing": (10_000, 0),
+    "pushing": (15_000, 15_000),
+    "opening": (10_000, 10_000),
+    "pick-up": (30_000, 20_000),
+}
 """Control steps of exploration and of the task phase in every preset: those of
 experiments/touch/design.toml. Playing has no goal to learn. The supplement does not give the length
 of exploration; it says that 5,000 to 10,000 steps of the task suffice for decent performance in

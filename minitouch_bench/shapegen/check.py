@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from minitouch_bench.simulation.client import PhysicsClient, View
 
 MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
 """What the manifest tells of a shape beyond what its record holds."""
-ROUNDING = MappingProxyType({"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0})
+ROUNDING: Mapping[str, float] = {"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0}
 """By how much another processor may measure otherwise beside 0.1 %: one grip trial; others 2e-5."""
 POSE_ROUNDING = (1e-4, *[0.01] * 10)
 """The same for a pose: height (m), share, and the nine numbers of the rotation matrix."""

@@ -5,7 +5,6 @@ A family returns a closed solid of any size; ``generate.sized`` gives it its siz
 
 import math
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import manifold3d
 import numpy as np
@@ -380,18 +379,16 @@ def _weight(rng: np.random.Generator) -> Solid:
     return body + tube_along(arch + np.array([0.0, 0.0, 0.75 * half[2]]), rng.uniform(0.14, 0.22))
 
 
-FAMILIES: Mapping[str, Family] = MappingProxyType(
-    {
-        "harmonic": harmonic,
-        "melted": melted,
-        "carved": carved,
-        "lathed": lathed,
-        "extruded": extruded,
-        "twisted": twisted,
-        "handled": handled,
-        "stacked": stacked,
-    }
-)
+FAMILIES: Mapping[str, Family] = {
+    "harmonic": harmonic,
+    "melted": melted,
+    "carved": carved,
+    "lathed": lathed,
+    "extruded": extruded,
+    "twisted": twisted,
+    "handled": handled,
+    "stacked": stacked,
+}
 """Every family by name; shape i belongs to family i modulo their number.
 
 So another entry makes other sets: raise GENERATOR_VERSION, generate ``shapes/`` again, and set
