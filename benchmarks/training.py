@@ -13,10 +13,9 @@ import numpy as np
 import torch
 
 from minitouch_bench.agents import METHODS, training
-from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import PRESETS, TrainingConfig
 from minitouch_bench.agents.learner import Learner, kept_size
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.replay import CheckpointFiles, Replay
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.agents.checkpoint import damage_as
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.replay import Replay, damage_as
 from minitouch_bench.errors import UsageError
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE

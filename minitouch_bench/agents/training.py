@@ -4,7 +4,7 @@ import csv
 import io
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.replay import CheckpointFiles, Replay
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError
 from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
@@ -62,14 +61,6 @@ class ProgressRow:
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """Shares over the episodes of one evaluation."""
-
-    success: float
-    touch_share: float
-
-
 class Tally:
     """Sums since the last row."""
 
@@ -96,9 +87,9 @@ class Tally:
             self.losses[name] = self.losses[name] + value if name in self.losses else value
 
     def row(
-        self, step: int, phase: str, evaluation: Evaluation | None, seconds: float
+        self, step: int, phase: str, evaluation: Mapping[str, float], seconds: float
     ) -> ProgressRow:
-        """Return the row that these sums make."""
+        """Return the row that these sums make, with the fields that an evaluation gives."""
         return ProgressRow(
             step=step,
             phase=phase,
@@ -107,9 +98,8 @@ class Tally:
             touch_share=self.touched / self.steps if self.steps else None,
             force=self.force / self.steps if self.steps else None,
             success=self.successes / self.episodes if self.episodes else None,
-            evaluation_success=evaluation.success if evaluation else None,
-            evaluation_touch_share=evaluation.touch_share if evaluation else None,
             seconds=round(seconds, 1),
+            **evaluation,
             **{name: float(total) / self.updates for name, total in self.losses.items()},
         )
 
@@ -140,7 +130,7 @@ class Training:
         environment: MiniTouchEnv,
         directory: Path,
         *,
-        evaluate: Callable[[TouchActor, bool], Evaluation],
+        evaluate: Callable[[TouchActor, bool], Mapping[str, float]],
         callbacks: TrainingCallbacks,
         device: torch.device,
     ) -> None:
@@ -285,9 +275,8 @@ class Training:
             self._save()
 
     def _write_row(self, *, is_evaluated: bool) -> None:
-        exploring, evaluation = self._learner.exploring, None
-        if is_evaluated:
-            evaluation = self._evaluate(self._learner.actor(), not exploring)
+        exploring = self._learner.exploring
+        evaluation = self._evaluate(self._learner.actor(), not exploring) if is_evaluated else {}
         phase = "exploration" if exploring else "task"
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)

@@ -14,19 +14,9 @@ import numpy as np
 import torch
 
 from minitouch_bench import files
-from minitouch_bench.agents.checkpoint import CHECKPOINT_FILE, IMAGES_FILE
-from minitouch_bench.agents.config import (
-    TrainingConfig,
-    differing_settings,
-    read_recorded_config,
-)
-from minitouch_bench.agents.training import (
-    NO_CALLBACKS,
-    Evaluation,
-    ProgressRow,
-    Training,
-    TrainingCallbacks,
-)
+from minitouch_bench.agents.config import TrainingConfig, differing_settings, read_recorded_config
+from minitouch_bench.agents.replay import CHECKPOINT_FILE, IMAGES_FILE
+from minitouch_bench.agents.training import NO_CALLBACKS, ProgressRow, Training, TrainingCallbacks
 from minitouch_bench.episode import EpisodeSpec, Outcome
 from minitouch_bench.errors import (
     InvalidActionError,
@@ -41,12 +31,7 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.sources import (
-    CONFIG_FILE,
-    EXPLORED_FILE,
-    KEPT_FILE,
-    TRAINED_FILE,
-)
+from minitouch_bench.policies.sources import CONFIG_FILE, EXPLORED_FILE, KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.runs.plan import Plan, first_of
@@ -280,10 +265,13 @@ def _keep_policy(config: TrainingConfig, directory: Path) -> None:
 
 def _evaluate(
     environment: MiniTouchEnv, specs: Sequence[EpisodeSpec], actor: TouchActor, deterministic: bool
-) -> Evaluation:
-    """Return the shares of success and touch over episodes, the same ones each time."""
+) -> dict[str, float]:
+    """Return the shares of success and touch over the same episodes each time, as in a row."""
     policy = NativePolicy(actor, deterministic)
     records = [run_episode(environment, policy, spec) for spec in specs]
     touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
     success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
-    return Evaluation(float(success), float(touched.mean()))
+    return {
+        "evaluation_success": float(success),
+        "evaluation_touch_share": float(touched.mean()),
+    }

@@ -11,10 +11,9 @@ from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 import minitouch_bench as mt
-from minitouch_bench.agents.checkpoint import CheckpointFiles
 from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.replay import CheckpointFiles, Replay
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from minitouch_bench import files
-from minitouch_bench.agents import checkpoint, training
+from minitouch_bench.agents import replay, training
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
@@ -171,7 +171,7 @@ def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
 
 def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     file = tmp_path / "progress.csv"
-    row = training.Tally().row(5, "task", None, 1.0)
+    row = training.Tally().row(5, "task", {}, 1.0)
     training.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
     before = file.read_bytes()
     training.cut_rows(file, 5)
@@ -216,7 +216,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 
 
 @pytest.mark.parametrize(
-    "place", [(checkpoint, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
+    "place", [(replay, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
 )
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     undisturbed, tmp_path, monkeypatch, place
