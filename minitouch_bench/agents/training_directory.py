@@ -216,7 +216,8 @@ def _check_directory(
         if config != known and not config.is_longer_than(known):
             raise RunDirectoryError(
                 f"{file} has other settings: {'; '.join(differing_settings(known, config)[:3])}.\n"
-                "Resume with the same ones, or with more steps in the last phase"
+                "Resume with the same ones or more steps in the last phase, or begin again with "
+                "--fresh or another --output"
             )
         if TRAINED_FILE in entries and CHECKPOINT_FILE not in entries:
             raise RunDirectoryError(

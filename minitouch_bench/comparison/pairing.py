@@ -56,7 +56,10 @@ def pair_runs(first: Run, second: Run) -> Pairs:
     alone = (
         [key for key in one if key not in other] for one, other in ((here, there), (there, here))
     )
-    one_sided = [f"also {first_of(keys, NAMED)}" if keys else "no others" for keys in alone]
+    one_sided = [
+        f"only '{plain_line(run.name, 80)}' has {first_of(keys, NAMED)}" if keys else ""
+        for run, keys in zip(runs, alone, strict=True)
+    ]
     _refuse_other("episodes", runs, one_sided)
     for key, one in here.items():
         scenes = [f"seed {episode.seed}, shape '{episode.shape}'" for episode in (one, there[key])]
@@ -67,7 +70,7 @@ def pair_runs(first: Run, second: Run) -> Pairs:
 def _refuse_other(what: str, runs: tuple[Run, Run], values: Sequence[object]) -> None:
     if values[0] != values[1]:
         names = " and ".join(f"'{plain_line(run.name, 80)}'" for run in runs)
-        differing = "; ".join(plain_line(str(value), 80) for value in values)
+        differing = "; ".join(plain_line(str(value), 200) for value in values if value != "")
         raise UsageError(f"{names} are not of the same episodes: their {what} differ ({differing})")
 
 

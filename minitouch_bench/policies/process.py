@@ -33,6 +33,12 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
+HIDDEN = (
+    "The sandbox lets Python code read its package, the working directory and PYTHONPATH only; for "
+    "code that you trust there is --isolation process"
+)
+"""What is said where a policy was denied a file."""
+
 MUCH_MEMORY_MB = 256
 """From so many MiB on, a process that was killed may have had the kernel kill it."""
 
@@ -151,7 +157,7 @@ class PolicyProcess:
                 answer = self._host.order(order, limit_s, (*channel.descriptors, *files))
                 break
             except HostGoneError as error:
-                problem = f"{error}: {self._host.output.last_line()}"
+                problem = ": ".join(filter(None, (str(error), self._host.output.last_line())))
                 self._drop_host()
             finally:
                 channel.hand_over()
@@ -221,6 +227,8 @@ class PolicyProcess:
         )
         if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
             self._stop(0.0)
+            if "PermissionError" in text and self._options.level is Isolation.SANDBOX:
+                text += f". {HIDDEN}"
             raise errors.PolicyLoadError(text)
         if kind is wire.Frame.INVALID and request is wire.Frame.ACT:
             raise errors.InvalidActionError(text)
@@ -382,7 +390,10 @@ def try_policy(
                 raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
             with contextlib.suppress(errors.PolicyFaultError):
                 tried.act(policy.zero_observation())
-                if tried.warning and np.array_equal(tried.act(felt), tried.act(felt)):
+                is_of_memory = policy.TO_REMEMBER in tried.warning
+                if tried.warning and not (
+                    is_of_memory and (tried.act(felt) != tried.act(felt)).any()
+                ):
                     warnings.append(f"{tried.target}: {tried.warning}")
     return tuple(warnings)
 

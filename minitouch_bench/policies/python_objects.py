@@ -64,18 +64,13 @@ CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 
 
 class ObjectPolicy:
-    """Anything with ``act(observation)``.
-
-    ``reset(seed, task)`` and ``close()`` are called where there is one.
-    """
+    """Anything with ``act(observation)`` and without ``reset``; it is closed if it can be."""
 
     def __init__(self, policy: Any) -> None:
         self._policy = policy
 
     def reset(self, seed: int, task: str) -> None:
-        """Reset the object."""
-        if callable(reset := getattr(self._policy, "reset", None)):
-            reset(seed, task)
+        """Do nothing: each episode has a new object."""
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the object's action."""
@@ -137,7 +132,8 @@ def _acting_part(policy: object) -> Any:
 
 def _as_policy(acting: Any, deterministic: bool) -> Policy:
     if _has_act(acting):
-        return ObjectPolicy(acting)
+        has_reset = callable(getattr(acting, "reset", None))
+        return acting if has_reset else ObjectPolicy(acting)
     if hasattr(acting, "predict"):
         from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
 

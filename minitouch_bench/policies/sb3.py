@@ -170,10 +170,12 @@ def count_frames(space: Any) -> int:
             "by VecFrameStack"
         )
     assert isinstance(touch, spaces.Box)  # which alone has a shape and a type of numbers
-    forces = touch.high.reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.forces]
-    if (forces < LEAST_FORCE_LIMIT).any():
+    # The forces have the largest bounds. VecFrameStack orders bounds otherwise than frames.
+    felt_forces = np.arange(TOUCH_SHAPE[0])[PROTOCOL.observation.forces]
+    limit = np.sort(touch.high)[-frames * len(felt_forces)]
+    if limit < LEAST_FORCE_LIMIT:
         raise PolicyLoadError(
-            f"it was trained with forces of at most {forces.min():g}; here they are newtons, up to "
+            f"it was trained with forces of at most {limit:g}; here they are newtons, up to "
             f"{LEAST_FORCE_LIMIT:g} or more. Put the scaling into the network: a features extractor"
         )
     return frames

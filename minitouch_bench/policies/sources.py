@@ -213,6 +213,10 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
         return replace(_parse_file(trained, follow=False), name=path.resolve().name)
     if not parts and path / TRAINED_FILE in found:
         raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
+    if not parts and path / CONFIG_FILE in found:
+        raise PolicyLoadError(
+            f"{path} is an unfinished training: finish it with train --resume, or name a file in it"
+        )
     if not parts:
         raise PolicyLoadError(
             f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"

@@ -26,6 +26,9 @@ RAN = "failed in the TorchScript interpreter"
 TORCH_ERRORS = (RuntimeError, torch.jit.Error)
 """The second is what a script raises itself."""
 
+TRAINED_OTHERWISE = ("dropout", "batch_norm")
+"""Operations that compute something else in training."""
+
 RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
 """Names of torch's recurrent modules, which a saved module keeps."""
 
@@ -33,15 +36,18 @@ RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
 class ModulePolicy:
     """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``.
 
-    ``memory`` is what the module could remember with and does not, "" for nothing.
+    ``memory`` is what the module could remember with and does not, "" for nothing. ``trains`` is
+    the part that works as in training, "" for none.
     """
 
-    def __init__(self, module: Any, memory: str = "") -> None:
+    def __init__(self, module: Any, memory: str = "", trains: str = "") -> None:
         self._module = module
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: saving it drops what "
             f"forward assigns to anything but a buffer. {policy.TO_REMEMBER}"
         )
+        if trains:
+            self.warning = f"its {trains} works as in training: call eval() before the export"
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
@@ -95,7 +101,7 @@ def load_exported(source: policy.PolicySource) -> ModulePolicy:
             f"it has the inputs ({', '.join(shown)}), keywords or several results.\n"
             f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
         )
-    return ModulePolicy(program.module(), find_program_memory(program))
+    return ModulePolicy(program.module(), find_program_memory(program), find_training_mode(program))
 
 
 def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
@@ -137,6 +143,18 @@ def find_program_memory(program: Any) -> str:
     stacks = (str(node.meta.get("nn_module_stack")) for node in program.graph.nodes)
     layers = (match[1] for match in map(policy.RECURRENT_CLASS.search, stacks) if match)
     return _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
+
+
+def find_training_mode(program: Any) -> str:
+    """Name a dropout or a batch normalization that works as in training, "" for none."""
+    for node in program.graph.nodes:
+        name = str(node.target)
+        part = next((part for part in TRAINED_OTHERWISE if part in name), "")
+        arguments = node.target._schema.arguments if part else ()
+        named = zip(arguments, node.args, strict=False)  # those with a default may be left out
+        if any(one.name in ("train", "training") and value is True for one, value in named):
+            return part
+    return ""
 
 
 def find_script_memory(module: Any) -> str:

@@ -24,7 +24,11 @@ NEEDS = {
 }
 """What a recipe imports, and what pip installs for it."""
 
-EVALUATED = {"sb3_sac": "pushing.zip", "cleanrl_style": "pushing.pt2"}
+EVALUATED = {
+    "sb3_sac": "pushing.zip",
+    "sb3_frame_stack": "pushing-stacked.zip",
+    "cleanrl_style": "pushing.pt2",
+}
 """The file of a policy that a recipe saves to be evaluated."""
 
 

@@ -9,6 +9,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from minitouch_bench.simulation.observation import observation_space
+
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "export-a-policy.md"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
@@ -17,12 +19,8 @@ class StillEnvironment(gym.Env[dict[str, Any], np.ndarray]):
     """An environment with the benchmark's spaces in which nothing moves."""
 
     def __init__(self, action_size: int = 5, image_shape: tuple[int, ...] = (1, 84, 84)) -> None:
-        self.observation_space = spaces.Dict(
-            {
-                "image": spaces.Box(0, 255, image_shape, np.uint8),
-                "touch": spaces.Box(-50.0, 50.0, (11,), np.float32),
-            }
-        )
+        self.observation_space = observation_space(50.0)
+        self.observation_space["image"] = spaces.Box(0, 255, image_shape, np.uint8)
         self.action_space = spaces.Box(-1.0, 1.0, (action_size,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:

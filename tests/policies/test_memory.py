@@ -182,6 +182,23 @@ def test_an_export_without_memory_is_not_warned_about(how, tmp_path):
     assert notes_of(export(Normalized(), how, tmp_path / FILES[how])) == []
 
 
+@pytest.mark.parametrize("layer", [nn.Dropout(0.5), nn.BatchNorm2d(1)])
+def test_an_export_in_training_mode_is_warned_about(layer, tmp_path):
+    class Trained(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.layer, self.head = layer, nn.Linear(11, 5)
+
+        def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+            return torch.tanh(self.head(touch) + self.layer(image.float()).mean())
+
+    module = Trained().train()
+    torch.export.save(torch.export.export(module, EXAMPLE), tmp_path / "train.pt2")
+    (note,) = notes_of(tmp_path / "train.pt2")
+    assert "eval()" in note
+    assert notes_of(export(module, "export", tmp_path / "policy.pt2")) == []
+
+
 def test_a_recurrent_onnx_graph_is_warned_about(tmp_path):
     pytest.importorskip("onnxscript")
     (note,) = notes_of(export(Assigned(), "onnx", tmp_path / "policy.onnx"))

@@ -110,6 +110,12 @@ def test_unusable_files_are_refused(tmp_path):
             parse_source(str(tmp_path / name))
 
 
+def test_an_unfinished_training_is_called_so(tmp_path):
+    (tmp_path / "config.toml").write_text('task = "pushing"\n')
+    with pytest.raises(PolicyLoadError, match="unfinished training"):
+        parse_source(str(tmp_path))
+
+
 def test_a_training_directory_is_its_policy_of_each_role(tmp_path):
     for role in Role:
         (tmp_path / f"{role}.safetensors").write_bytes(role.encode())

@@ -2,7 +2,7 @@
 
 import pytest
 
-from minitouch_bench.errors import IsolationError
+from minitouch_bench.errors import IsolationError, PolicyLoadError
 from minitouch_bench.policies.policy import IsolationOptions, zero_observation
 from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.sandbox import factory_paths
@@ -49,6 +49,16 @@ def test_a_factory_reads_its_data_but_neither_its_run_nor_hidden_files(home):
     with PolicyProcess(source, options) as policy:
         policy.reset(0, "pushing")
         assert policy.act(zero_observation()).tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_factory_that_is_denied_a_file_is_told_what_it_may_read(home, tmp_path_factory):
+    weights = tmp_path_factory.mktemp("elsewhere") / "weights.txt"
+    weights.write_text("1")
+    (home / "far.py").write_text(f"def make():\n    return open({str(weights)!r}).read()\n")
+    source = parse_source("far:make", trust=True)
+    told = pytest.raises(PolicyLoadError, match=r"weights.txt.* PYTHONPATH only")
+    with PolicyProcess(source, IsolationOptions(trust=True)) as policy, told:
+        policy.reset(0, "pushing")
 
 
 @pytest.mark.parametrize("run", ["reports/run", "reports", ".", ""])
