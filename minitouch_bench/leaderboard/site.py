@@ -67,8 +67,8 @@ def build_board(
             log(f"{printable(directory.name)} is listed without a proof: {error}")
     board = make_board(findings)
     shown = views.views(board)
-    places = output / PAGES
-    for folder in (places, output / SITE_PICTURES):
+    page_folder = output / PAGES
+    for folder in (page_folder, output / SITE_PICTURES):
         files.make_folder(folder)
     rows = {row.name: row for row in board.rows}
     written = set()
@@ -77,10 +77,10 @@ def build_board(
     write_file(output / "index.html", index_html(board, shown))
     for found in findings:
         if found.passed:
-            page = places / f"{found.submission.name}.html"
+            page = page_folder / f"{found.submission.name}.html"
             write_file(page, submission_page(found, rows[page.stem], board), durable=False)
-            written |= {page, *_copy_videos(found, places)}
-    _remove_others(places, written)
+            written |= {page, *_copy_videos(found, page_folder)}
+    _remove_others(page_folder, written)
     for task in BOARD_TASKS:
         picture = pages.PICTURES / f"{task}.png"
         write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())

@@ -33,11 +33,11 @@ END_GRACE_S = {"remote": 1.0}
 
 STOP_TIMEOUT_S = 10.0
 
-HIDDEN = (
-    "The sandbox lets Python code read its package, the working directory and PYTHONPATH only; for "
+READABLE_BY_FACTORIES = (
+    "In the sandbox a factory can read its package, the working directory and PYTHONPATH only; for "
     "code that you trust there is --isolation process"
 )
-"""What is said where a policy was denied a file."""
+"""What is said where a factory was denied a file."""
 
 MUCH_MEMORY_MB = 256
 """From so many MiB on, a process that was killed may have had the kernel kill it."""
@@ -226,9 +226,10 @@ class PolicyProcess:
             payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
         )
         if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
+            is_confined_factory = self._host is not None and self._host.setup.factory
             self._stop(0.0)
-            if "PermissionError" in text and self._options.level is Isolation.SANDBOX:
-                text += f". {HIDDEN}"
+            if is_confined_factory and "PermissionError" in text:
+                text += f". {READABLE_BY_FACTORIES}"
             raise errors.PolicyLoadError(text)
         if kind is wire.Frame.INVALID and request is wire.Frame.ACT:
             raise errors.InvalidActionError(text)
@@ -390,10 +391,10 @@ def try_policy(
                 raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
             with contextlib.suppress(errors.PolicyFaultError):
                 tried.act(policy.zero_observation())
-                is_of_memory = policy.TO_REMEMBER in tried.warning
-                if tried.warning and not (
-                    is_of_memory and (tried.act(felt) != tried.act(felt)).any()
-                ):
+                remembers = policy.TO_REMEMBER in tried.warning and not np.array_equal(
+                    tried.act(felt), tried.act(felt)
+                )
+                if tried.warning and not remembers:
                     warnings.append(f"{tried.target}: {tried.warning}")
     return tuple(warnings)
 

@@ -64,7 +64,7 @@ CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 
 
 class ObjectPolicy:
-    """Anything with ``act(observation)`` and without ``reset``; it is closed if it can be."""
+    """An object with ``act(observation)`` and without ``reset``; a ``close()`` of it is called."""
 
     def __init__(self, policy: Any) -> None:
         self._policy = policy

@@ -148,10 +148,11 @@ def find_program_memory(program: Any) -> str:
 def find_training_mode(program: Any) -> str:
     """Name a dropout or a batch normalization that works as in training, "" for none."""
     for node in program.graph.nodes:
-        name = str(node.target)
-        part = next((part for part in TRAINED_OTHERWISE if part in name), "")
-        arguments = node.target._schema.arguments if part else ()
-        named = zip(arguments, node.args, strict=False)  # those with a default may be left out
+        schema = getattr(node.target, "_schema", None)  # only an operation has one
+        part = next((part for part in TRAINED_OTHERWISE if part in str(node.target)), "")
+        if schema is None or not part:
+            continue
+        named = zip(schema.arguments, node.args, strict=False)  # those with a default can be absent
         if any(one.name in ("train", "training") and value is True for one, value in named):
             return part
     return ""

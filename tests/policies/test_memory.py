@@ -187,10 +187,10 @@ def test_an_export_in_training_mode_is_warned_about(layer, tmp_path):
     class Trained(nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            self.layer, self.head = layer, nn.Linear(11, 5)
+            self.batch_norm, self.head = layer, nn.Linear(11, 5)
 
         def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-            return torch.tanh(self.head(touch) + self.layer(image.float()).mean())
+            return torch.tanh(self.head(touch) + self.batch_norm(image.float()).mean())
 
     module = Trained().train()
     torch.export.save(torch.export.export(module, EXAMPLE), tmp_path / "train.pt2")
