@@ -320,9 +320,11 @@ def check_files(
     listed = (file for seed in submission.seeds for file in seed.checkpoints)
     checkpoints = {file.path for file in listed if file.path and not file.is_reference}
     limits |= dict.fromkeys(checkpoints, files.LARGEST_CHECKPOINT)
+    known = {problem.place for problem in problems}
     for path in [path for path in limits if path not in sizes]:
         remedy = 'add it, or set its path to ""' if path in checkpoints else "pack the run again"
-        problems.add(path, "it is missing", remedy)
+        if known.isdisjoint((path, *map(str, PurePosixPath(path).parents))):  # no link on the way
+            problems.add(path, "it is missing", remedy)
     digests: dict[str, str] = {}
     for path, size in sizes.items():
         folder, _, name = path.partition(f"/{files.VIDEOS}/")

@@ -120,7 +120,7 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
         with problems.caught(SUBMISSION_FILE, SEE):
             content = read_plain(directory, SUBMISSION_FILE, MAX_SUBMISSION_FILE)
             submission = read_submission(content, problems)
-    elif sizes or not problems:
+    elif {"", SUBMISSION_FILE}.isdisjoint(problem.place for problem in problems):
         remedy = "make one with minitouch-bench submit"
         problems.add(SUBMISSION_FILE, "it is missing: this is not a submission", remedy)
     if submission is None:
@@ -128,9 +128,8 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     videos = check_files(directory, submission, sizes, problems)
     runs: dict[str, Run] = {}
     for folder in (folder for seed in submission.seeds for folder in seed.runs.values()):
-        path = f"{folder}/{RUN_FILE}"
-        is_small = sizes.get(f"{folder}/{ACTIONS_FILE}", 0) <= RUN_LIMITS[ACTIONS_FILE]
-        if path in sizes and is_small:
+        path, actions = f"{folder}/{RUN_FILE}", f"{folder}/{ACTIONS_FILE}"
+        if path in sizes and actions in sizes and sizes[actions] <= RUN_LIMITS[ACTIONS_FILE]:
             with problems.caught(path, AS_WRITTEN):
                 run_json = read_plain(directory, path, RUN_LIMITS[RUN_FILE])
                 runs[folder] = parse_run(run_json, folder, directory / folder)

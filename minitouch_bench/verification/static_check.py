@@ -252,7 +252,8 @@ def _digest(run: Run) -> Iterator[Problem]:
     if run.digest != run_digest(run.header, run.rows, run.exploration_rows):
         yield Problem("digest", "it is not that of the episodes", AS_WRITTEN)
     if run.content and run.content != run_json(run):
-        yield Problem(RUN_FILE, "a key is there twice or unknown, or it was edited", AS_WRITTEN)
+        what = "it was edited or formatted again, or a key in it is unknown or there twice"
+        yield Problem(RUN_FILE, what, AS_WRITTEN)
 
 
 def _estimates(run: Run) -> Iterator[Problem]:

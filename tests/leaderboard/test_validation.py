@@ -209,7 +209,13 @@ def test_symbolic_links(submission, tmp_path, place):
     target = tmp_path / "elsewhere"
     (submission / place).rename(target)
     (submission / place).symlink_to(target)
-    refused(submission, place, "symbolic link")
+    assert len(refused(submission, place, "symbolic link")) == 1
+
+
+@pytest.mark.parametrize("name", ["run.json", "actions.npz"])
+def test_a_missing_file_is_told_once(submission, name):
+    (submission / RUN / name).unlink()
+    assert len(refused(submission, f"{RUN}/{name}", "it is missing")) == 1
 
 
 def test_a_named_pipe_is_never_opened(submission):
