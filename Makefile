@@ -76,11 +76,13 @@ submission-tools: $(READY)
 clean:
 	rm -rf $(VENV) build dist site *.egg-info
 
-# What evaluation needs. The +cpu build of torch has no CUDA packages (gigabytes) behind it.
+# What evaluation needs. The build of torch for the CPU comes from PyTorch's own index: the usual one
+# brings gigabytes of CUDA packages. Where that index cannot be reached, the usual one is taken.
 $(READY): pyproject.toml constraints.txt
 	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
 	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
+	$(PIP) --quiet --retries 1 --no-deps --extra-index-url https://download.pytorch.org/whl/cpu torch
 	$(PIP) --editable .
 	@touch $(READY)
 

@@ -65,14 +65,16 @@ def train(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Directory of the training; by default reports/training/TASK-METHOD-SEED.",
+            help="By default reports/training/TASK-METHOD[-no-SENSE]-SEED.",
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint.")] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Replace the training in the directory.")
     ] = False,
-    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    device: Annotated[
+        str, typer.Option(help="auto (a GPU if there is one), cpu or cuda.")
+    ] = "auto",
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
     from minitouch_bench import api

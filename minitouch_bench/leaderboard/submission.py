@@ -92,7 +92,7 @@ REFERENCE = re.compile(r"hf://[\w-][\w.-]*/[\w-][\w.-]*@[0-9a-f]{40}(?:/[\w-][\w
 class CheckpointFile:
     """One file of a policy.
 
-    ``path`` is where it lies in the submission, ``hf://OWNER/REPO@COMMIT/FILE`` where it is
+    ``path`` is where it lies in the submission, ``hf://USER/REPO@COMMIT/FILE`` where it is
     fetched from the Hub, "" if it is not there.
     """
 
@@ -225,7 +225,7 @@ def _seeds(submission: Submission) -> Iterator[tuple[str, str]]:
         for file, there in zip(seed.checkpoints, places.checkpoints, strict=True):
             if file.path != there.path:
                 what = f"{file.file} is at '{file.path}', outside its place"
-                remedy = f"move it to {there.path}, or write hf://OWNER/REPO@COMMIT/FILE or no path"
+                remedy = f"move it to {there.path}, or write hf://USER/REPO@COMMIT/FILE or no path"
                 yield "seeds", f"{what}; {remedy}"
             elif file.is_reference and PurePosixPath(file.path).name != file.file:
                 yield "seeds", f"{file.file} is not the file's name in '{file.path}'"
