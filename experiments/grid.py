@@ -88,6 +88,7 @@ def cells_of(design: Mapping[str, Any]) -> list[Cell]:
 def evaluations_of(design: Mapping[str, Any], cell: Cell) -> dict[str, dict[str, Any]]:
     """Return the options of ``mt.evaluate`` for each run of a cell, by directory."""
     suites = in_task(design, cell.task).get("suites", ["table4"])
+    suites = sorted(suites, key=lambda suite: suite != "table4")  # the first run is the main one
     asked = {suite: {"suite": suite, "episodes": design.get("episodes")} for suite in suites}
     for one in design.get("conditions", []):
         if _is_asked(one, cell):

@@ -105,9 +105,9 @@ def reliance_rows(final: Path, run: mt.Run, asked: Mapping[str, Any]) -> dict[st
     for way in asked["forces"]:
         played = [measure(one) for one in play_changed(felt, specs, calm, way)]
         frame = episodes_frame(played).drop(columns=["task", "digest"])
-        episodes.append(frame.assign(suite="table4", conditions=WORDS[way], role="final"))
+        episodes.append(frame.assign(suite=run.plan.suite, conditions=WORDS[way], role="final"))
         values = asdict(wilson(sum(one.success for one in played), len(played)))
         interval, count = values.pop("method"), values.pop("count")
-        named = {"suite": "table4", "conditions": WORDS[way], "metric": "success"}
+        named = {"suite": run.plan.suite, "conditions": WORDS[way], "metric": "success"}
         estimates.append({**named, **values, "episodes": count, "interval": interval})
     return {"episodes": pd.concat(episodes), "estimates": pd.DataFrame(estimates)}

@@ -29,14 +29,14 @@ from minitouch_bench.runs.run import RunHeader, run_digest, run_json
 def collect(cells: Sequence[Cell], grid: Path, place: Path) -> tuple[Path, Path]:
     """Copy the policies of one training seed; return the folders of the final and exploration ones.
 
-    In Playing the final policy is the exploration policy, so it is copied once.
+    In Playing the final policy is the exploration policy, so it is copied once; ``sac`` has none.
     """
     final, exploration = place / "final", place / "exploration"
     for folder in (final, exploration):
         folder.mkdir(parents=True, exist_ok=True)
         for cell in cells:
-            if folder == final or cell.task != "playing":
-                trained = grid / cell.name / f"{folder.name}.safetensors"
+            trained = grid / cell.name / f"{folder.name}.safetensors"
+            if folder == final or (cell.task != "playing" and trained.exists()):
                 shutil.copyfile(trained, folder / f"{cell.task}.safetensors")
     return final, exploration
 
@@ -91,7 +91,10 @@ def join_arm(design_file: Path, grid: Path, arm: str) -> bool:
         place = grid / "rows" / arm / f"seed-{seed}"
         final, exploration = collect(cells, grid, place)
         setup = prepare_policies(
-            str(final), make_plan(MAIN_SUITE), exploration=str(exploration), name=arm
+            str(final),
+            make_plan(MAIN_SUITE),
+            exploration=str(exploration) if any(exploration.iterdir()) else None,
+            name=arm,
         )
         runs = {cell.task: mt.load_run(grid / cell.name / MAIN_SUITE) for cell in cells}
         join_runs(header_of(setup), runs, place / MAIN_SUITE)

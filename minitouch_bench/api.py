@@ -98,6 +98,8 @@ def evaluate(
     """
     if output is None and (resume or fresh or video or replays):
         raise UsageError("resume, fresh, video and replays need a directory: give an output")
+    if min(video, replays) < 0:
+        raise UsageError("video and replays are 0 or more")
     if progress and callbacks is not SILENT:
         raise UsageError("progress shows what callbacks are told: give one of them")
     if video:

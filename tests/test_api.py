@@ -199,6 +199,7 @@ def test_lists_and_workers_are_written_as_on_the_command_line(counted):
         ({"act_timeout": 1e300}, "86400"),
         ({"episodes": 10**6}, "episodes"),
         ({"workers": 0}, "number"),
+        ({"output": "here", "video": -1}, "0 or more"),
         ({"progress": True, "callbacks": Callbacks()}, "one of them"),
     ],
 )

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -111,16 +111,6 @@ class Curiosity(nn.Module, ABC):
         kept = torch.clamp(self.window * count / self.seen, max=1.0)
         self.squares *= kept
         self.seen *= kept
-
-    def state(self) -> dict[str, Any]:
-        """Return everything that later steps depend on."""
-        optimizer = self.optimizer.state_dict()
-        return {"curiosity": self.state_dict(), "curiosity_optimizer": optimizer}
-
-    def load_state(self, state: dict[str, Any]) -> None:
-        """Go on from what ``state`` returned; other keys are left alone."""
-        self.load_state_dict(state["curiosity"])
-        self.optimizer.load_state_dict(state["curiosity_optimizer"])
 
     def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         """Return features of images, float32 (N, F)."""

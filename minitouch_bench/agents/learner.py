@@ -303,7 +303,8 @@ class Learner:
             "rng": self.rng.bit_generator.state,
         }
         if self.curiosity is not None:
-            state |= self.curiosity.state()
+            state["curiosity"] = self.curiosity.state_dict()
+            state["curiosity_optimizer"] = self.curiosity.optimizer.state_dict()
         if self.keypoints is not None:
             state["keypoints"] = self.keypoints.state_dict()
             state["explorer"] = self.explorer and self.explorer.state_dict()
@@ -325,4 +326,5 @@ class Learner:
         self.noise.set_state(state["noise"].cpu())
         self.rng.bit_generator.state = state["rng"]
         if self.curiosity is not None:
-            self.curiosity.load_state(state)
+            self.curiosity.load_state_dict(state["curiosity"])
+            self.curiosity.optimizer.load_state_dict(state["curiosity_optimizer"])

@@ -23,7 +23,13 @@ from minitouch_bench.commands.submit import submit
 from minitouch_bench.commands.tasks import tasks
 from minitouch_bench.commands.train import train
 from minitouch_bench.commands.verify import verify
-from minitouch_bench.errors import InterruptedRunError, MiniTouchError, UsageError, printable
+from minitouch_bench.errors import (
+    InterruptedRunError,
+    MiniTouchError,
+    RunDirectoryError,
+    UsageError,
+    printable,
+)
 
 COMMANDS: dict[Callable[..., None], str] = {
     evaluate: "evaluate my_policy.onnx --suite smoke",
@@ -85,6 +91,13 @@ def main() -> None:
         command = context.command_path if context else PROGRAM
         _complain(f"{error.format_message()}\nSee {command} --help")
         sys.exit(error.exit_code)
+    except typer.Abort:  # Ctrl-C or Ctrl-D where a command asks
+        code = InterruptedRunError.exit_code
+    except OSError as error:  # such as a name that is too long, or a directory without permission
+        if error.filename is None:
+            raise
+        _complain(f"{error.filename} cannot be used: {error.strerror}")
+        sys.exit(RunDirectoryError.exit_code)
     # What Typer returns after a Ctrl-C that no command has told the user about.
     if code == InterruptedRunError.exit_code:
         _complain("interrupted")

@@ -1,7 +1,6 @@
 """``minitouch-bench leaderboard``: check submissions, and build the leaderboard."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -45,10 +44,11 @@ def validate(
     """
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.leaderboard import proving, validation
+    from minitouch_bench.leaderboard.proof import PROOFS
 
     opening = open_engine("local", workers)
     results = []
-    for place in directories:
+    for place in [one for one in directories if one.name != PROOFS]:  # of submissions/*
         found = validation.validate(place)
         if found.passed:
             found = validation.fetch_references(found)
@@ -105,9 +105,10 @@ def remove(
     for path, content in (there := find_removable(submissions, name)).items():
         note(f"{path}{os.sep if path.is_dir() else ''}: {content}")
     if not yes:
-        if not sys.stdin.isatty():
+        if not os.isatty(0):
             raise errors.UsageError("nothing is removed without --yes where no terminal can ask")
-        typer.confirm(f"Remove {name}?", abort=True, err=True)
+        if not typer.confirm(f"Remove {name}?", err=True):
+            raise typer.Exit(errors.CHECK_FAILED)
     remove_submission(submissions, there)
     print(*there, sep="\n")
     note("removed; next: minitouch-bench leaderboard build")

@@ -8,6 +8,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note
 from minitouch_bench.errors import PolicyFaultError, UsageError
+from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL, PUBLIC_SEED_BITS
@@ -24,7 +25,8 @@ def record(
         Path, typer.Option(metavar="DIR", help="Directory of the dataset; it must not exist.")
     ],
     episodes: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Number of episodes to record.")
+        int,
+        typer.Option(metavar="N", min=1, max=MAX_EPISODES, help="Number of episodes to record."),
     ] = 100,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the episodes.")] = 0,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,

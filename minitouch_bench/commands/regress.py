@@ -1,5 +1,6 @@
 """The command ``regress``: compare a candidate with its baseline, and exit 1 if it is worse."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -10,10 +11,10 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.cli.options import output_option
 from minitouch_bench.episode import PolicyIdentity
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
-from minitouch_bench.policies.policy import Isolation, isolation_options
+from minitouch_bench.policies.policy import SANDBOXED, Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -103,9 +104,9 @@ def regress(
     A policy plays the baseline's episodes; its run is kept in its directory.
     """
     candidates = candidate or []
-    _refuse_contradictions(
-        policy, baseline, candidates, is_played=output is not None or resume or fresh or trust
-    )
+    isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
+    chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
+    _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
     from minitouch_bench.comparison import gate, gate_report
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
@@ -123,12 +124,12 @@ def regress(
     afters = [refuse_edited(read_run(path)) for path in candidates]
     if policy is not None:
         (before,) = befores
-        isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
-            digest = run_digest(before.header, before.rows)
-            before = replace(before, digest=digest, exploration_rows=())
+            before = replace(
+                before, digest=run_digest(before.header, before.rows), exploration_rows=()
+            )
         gate.judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)
@@ -153,9 +154,18 @@ def regress(
     if junit is not None:
         write_file(junit, gate_report.gate_junit(result))
     if summary is not None:
-        append_bytes(summary, gate_report.gate_markdown(result).encode())
+        _append_summary(summary, gate_report.gate_markdown(result))
     if result.exit_code:
         raise typer.Exit(result.exit_code)
+
+
+def _append_summary(file: Path, text: str) -> None:
+    try:
+        append_bytes(file, text.encode())
+    except RunDirectoryError as error:
+        if str(file) != os.environ.get(GITHUB_SUMMARY):
+            raise
+        note(str(error))  # nobody asked for this file: the decision counts
 
 
 def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
@@ -180,4 +190,4 @@ def _refuse_contradictions(
     if policy is not None and len(baselines) > 1:
         raise UsageError("POLICY is one training: evaluate several, and give them by --candidate")
     if candidates and is_played:
-        raise UsageError("--output, --resume, --fresh and --trust are for a POLICY")
+        raise UsageError("--output, --resume, --fresh and how a policy is run are for a POLICY")

@@ -1,6 +1,7 @@
 """The command ``report``: finished runs beside each other in Table 4."""
 
 import hashlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -67,7 +68,7 @@ def report(
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
     directory = output or usual
-    is_own = is_single and directory.resolve() == first.resolve()
+    is_own = is_single and os.path.realpath(directory) == os.path.realpath(first)
     if holds_run(directory) and not is_own:
         raise RunDirectoryError(
             f"{directory} contains a run, whose report.html this would replace: choose another "

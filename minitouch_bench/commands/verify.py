@@ -1,6 +1,7 @@
 """The command ``verify``: replay a run, and run drawn episodes again with its checkpoint."""
 
 import json
+import os
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -110,7 +111,7 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
             f"the policy is the Python code {recorded.source}, which is run only if you name it.\n"
             f"If you trust that code, give it with {option}"
         )
-    if recorded.digest and not Path(recorded.source).exists():
+    if recorded.digest and not os.path.exists(recorded.source):
         raise errors.IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
             f"Say with {option} where it is now"

@@ -70,7 +70,7 @@ class Comparison:
                 "first_value": effect.first, "second_value": effect.second,
                 "difference": effect.difference.value,
                 "low": effect.difference.low, "high": effect.difference.high,
-                "count": effect.count, "p_value": effect.p_value,
+                "count": effect.difference.count, "p_value": effect.p_value,
                 **{name: value for name, value in vars(compared).items() if name != "effect"},
             }
             for pair in self.pairs

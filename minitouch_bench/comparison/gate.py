@@ -22,8 +22,8 @@ from minitouch_bench.comparison.pairing import (
     PairedValues,
     Pairs,
 )
-from minitouch_bench.episode import Outcome, Role
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.episode import Outcome, Role, role_of
+from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
@@ -128,11 +128,6 @@ class Decision(StrEnum):
         return self in (Decision.NOT_ENOUGH, Decision.NOT_ENOUGH_SEEDS)
 
 
-REGRESSION_CODE = 1
-NOT_ENOUGH_CODE = 5
-"""Exit codes: the check failed; the check has no result, as everywhere."""
-
-
 @dataclass(frozen=True)
 class Endpoint:
     """What decides: the mean of one metric over its tasks.
@@ -197,10 +192,10 @@ class GateResult:
     def exit_code(self) -> int:
         """0, 1 for a regression, 5 where there is no answer and it fails."""
         if self.decision is Decision.REGRESSION:
-            return REGRESSION_CODE
+            return CHECK_FAILED
         is_open = self.decision.is_open and not self.settings.lenient
         fails = is_open and (self.settings.strict or self.endpoint.is_beyond)
-        return NOT_ENOUGH_CODE if fails else 0
+        return IncompleteCheckError.exit_code if fails else 0
 
 
 def judge_runs(
@@ -285,7 +280,7 @@ def endpoint_values(pairs: Pairs, tasks: Sequence[str], settings: GateSettings) 
     if not len(values.first):
         why = f"in {', '.join(tasks)} {name} cannot get worse"
         if deciding and metric.role is Role.EXPLORATION:
-            why = "POLICY plays no exploration episodes; give --candidate, a run that has them"
+            why = "exploration episodes are missing: POLICY plays none, of runs both need them"
         raise UsageError(f"nothing to judge: {why}")
     return values
 
@@ -300,7 +295,7 @@ def judge_endpoint(values: PairedValues, settings: GateSettings, root: Root) -> 
     effect = pairing.paired_test(values, root)
     # The interval of a share is good for any number of episodes.
     is_share = METRICS[effect.metric].statistic is SHARE
-    is_believed = is_share or effect.count >= FEWEST_FOR_A_MEAN
+    is_believed = is_share or effect.difference.count >= FEWEST_FOR_A_MEAN
     endpoint = decide(effect, values.tasks, settings, is_believed=is_believed)
     if endpoint.decision is not Decision.NOT_ENOUGH:
         return endpoint
@@ -348,7 +343,7 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     needed = pairing.episodes_needed(values, 2.0 * level, allowed)
     if needed is None:
         return None
-    per_task = -(-max(needed, effect.count + 1) // len(values.tasks))
+    per_task = -(-max(needed, effect.difference.count + 1) // len(values.tasks))
     return per_task if per_task <= MAX_EPISODES else None
 
 
@@ -365,15 +360,15 @@ def _next_command(
     replays = [
         change.replays[1]
         for change in changes
-        if change.first is Outcome.SUCCESS and change.role is role
+        if change.first is Outcome.SUCCESS and role_of(change.episode) is role
     ]
     if endpoint.decision is Decision.REGRESSION and any(replays):
         return replays[0]
     # A policy plays no exploration episodes.
     can_play = role is Role.FINAL and not baseline.plan.chosen
     if (number := endpoint.episodes_needed) and can_play:
-        directory = view_directory(baseline.directory or Path(paths[0]))
         plan = replace(baseline.plan, episodes=number)
-        evaluate = reproduce_command(replace(baseline.header, plan=plan))
-        return f"{evaluate} {shlex.join(['--output', printable(f'{directory}-{number}')])}"
+        if evaluate := reproduce_command(replace(baseline.header, plan=plan)):
+            directory = view_directory(baseline.directory or Path(paths[0]))
+            return f"{evaluate} {shlex.join(['--output', printable(f'{directory}-{number}')])}"
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])

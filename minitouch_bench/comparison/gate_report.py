@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.gate import NOT_ENOUGH_CODE, Decision, GateResult
+from minitouch_bench.comparison.gate import Decision, GateResult
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import printable
+from minitouch_bench.errors import IncompleteCheckError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
@@ -283,8 +283,8 @@ def gate_notes(result: GateResult) -> tuple[str, ...]:
         "regression are the metrics of each task tested, adjusted together by Holm's method.",
         "regression: worse beyond the tolerance, and significant. no regression: the interval "
         f"excludes a worsening beyond the tolerance. not enough {unit}: neither; it fails "
-        f"(exit {NOT_ENOUGH_CODE}) where what was seen is worse beyond the tolerance, with "
-        "--strict always, with --lenient never.",
+        f"(exit {IncompleteCheckError.exit_code}) where what was seen is worse beyond the "
+        "tolerance, with --strict always, with --lenient never.",
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Episode, Outcome, Role, episode_key, role_of
+from minitouch_bench.episode import Episode, Outcome, episode_key, role_of
 from minitouch_bench.errors import UsageError, plain_line, printable
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
@@ -189,11 +189,6 @@ class Effect:
     differing: int
 
     @property
-    def count(self) -> int:
-        """Number of paired episodes."""
-        return self.difference.count
-
-    @property
     def is_clear(self) -> bool:
         """Whether the test shows a difference and its interval excludes 0."""
         excludes_0 = self.difference.low > 0.0 or self.difference.high < 0.0
@@ -237,8 +232,8 @@ def paired_test(values: PairedValues, root: Root) -> Effect:
         metric=values.metric,
         unit=METRICS[values.metric].unit_in(values.task),
         direction=values.direction,
-        first=statistic.value(values.first),
-        second=statistic.value(values.second),
+        first=float(values.first.mean()),
+        second=float(values.second.mean()),
         difference=difference,
         p_value=p_value,
         differing=int(np.count_nonzero(values.differences)),
@@ -254,7 +249,7 @@ def episodes_needed(
 ) -> int | None:
     """Return about how many episodes settle a difference in four of five cases, if it is as seen.
 
-    ``tolerance``: see ``Statistic.episodes_needed``; None where any difference is to be shown.
+    ``tolerance``: see ``Share.episodes_needed``; None where any difference is to be shown.
     None is returned for no difference or too many episodes.
     """
     worse = values.differences * WORSE_SIGNS.get(values.direction, 1.0)
@@ -291,11 +286,6 @@ class OutcomeChange:
     first: Outcome
     second: Outcome
     replays: tuple[str, str]
-
-    @property
-    def role(self) -> Role:
-        """Whose episode it is."""
-        return role_of(self.episode)
 
 
 def find_changes(

@@ -170,8 +170,8 @@ def _find_policy(
     if isinstance(policy, PolicySource):
         source = policy
     elif isinstance(policy, str | Path):
-        source = parse_source(str(policy), tasks, trust=isolation.trust, role=role)
-        if Path(policy).is_dir() and source.target != str(policy):
+        source = parse_source(str(policy), tasks, role=role)
+        if Path(policy).is_dir() and Path(source.target) != Path(policy):
             note(f"{source.target} is played")
         trained = trained_task(source)
         if trained is not None and {*tasks} != {trained}:

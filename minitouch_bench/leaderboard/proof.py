@@ -163,7 +163,7 @@ def drop_together(groups: Mapping[Group, Sequence[Values]]) -> float | None:
     for (role, _, _), seeds in groups.items():
         drops.setdefault(role, []).append(_seeds_drop(seeds))
     combined = [scipy.stats.combine_pvalues(p, method="fisher").pvalue for p in drops.values()]
-    p = len(drops) * float(min(combined, default=1.0))
+    p = max(1, len(drops)) * float(min(combined, default=1.0))
     return p if p < SIGNIFICANCE / 2 else None
 
 

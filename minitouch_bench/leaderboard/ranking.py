@@ -19,7 +19,7 @@ from minitouch_bench.episode import Count
 from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
-from minitouch_bench.metrics.statistics import ALPHA, MEAN, POWER, SHARE, holm, mcnemar_p
+from minitouch_bench.metrics.statistics import ALPHA, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.runs.run import Run
@@ -147,11 +147,8 @@ def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[st
     rankings = {}
     for task in BOARD_TASKS:
         found = intervals.mean_differences([samples[task]])
-        statistic, p_values = METRICS[RANKED_BY[task]].statistic, found.p_values
-        if statistic == SHARE:
-            p_values = share_p_values(samples[task], found)
-        elif statistic != MEAN:
-            raise TypeError(f"rows are not ranked by {statistic}")
+        is_share = METRICS[RANKED_BY[task]].statistic == SHARE
+        p_values = share_p_values(samples[task], found) if is_share else found.p_values
         rankings[task] = _rank_table(found, p_values, seeds)
     found = intervals.mean_differences([samples[task] for task in BOARD_GOALS])
     rankings[OVERALL] = _rank_table(found, found.p_values, seeds)

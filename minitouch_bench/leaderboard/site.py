@@ -29,7 +29,7 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
-from minitouch_bench.reporting.figures import ending_legend, steps_by_ending, steps_plot, touch_plot
+from minitouch_bench.reporting.figures import steps_figure, touch_figure
 from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.report_tables import gap_cells
@@ -267,21 +267,6 @@ def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
     several = "; a line per training seed" if len(found.submission.seeds) > 1 else ""
     played = {task: [*chain(*found.episodes(task))] for task in BOARD_GOALS}
     return (
-        Figure(
-            "episode-steps",
-            "How long episodes last",
-            "Share of the episodes by number of control steps, and by how they ended.",
-            tuple(
-                steps_plot(task, {"": steps_by_ending(episodes)})
-                for task, episodes in played.items()
-            ),
-            ending_legend(map(pages.ending_of, chain(*played.values()))),
-        ),
-        Figure(
-            "touch-over-time",
-            "Touch over time",
-            "Mean ticks in contact at each control step, over the episodes that reached it; "
-            f"faint where fewer than a tenth are left{several}.",
-            tuple(touch_plot(task, found.runs_on(MAIN_SUITE)) for task in BOARD_TASKS),
-        ),
+        steps_figure({task: {"": episodes} for task, episodes in played.items()}),
+        touch_figure(BOARD_TASKS, found.runs_on(MAIN_SUITE), more=several),
     )

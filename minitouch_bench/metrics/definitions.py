@@ -104,13 +104,6 @@ class Metric:
         measured: Value = getattr(episode, self.measured_field)
         return measured
 
-    def cell(self, episode: Episode) -> Value:
-        """Return what the metric's column of ``episodes.csv`` contains."""
-        if self.measure is None or self.column != self.measured_field:
-            return self.value(episode)
-        measured: Value = getattr(episode, self.column)
-        return measured
-
     @property
     def measured_field(self) -> str:
         """The field of Episode that ``measure`` fills."""

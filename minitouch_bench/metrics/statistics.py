@@ -6,7 +6,6 @@ episodes. A new one is a class here; nothing falls back on a mean.
 """
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from statistics import NormalDist
 from typing import Final, NamedTuple
@@ -37,46 +36,11 @@ class PairedResult(NamedTuple):
     p_value: float
 
 
-class Statistic(ABC):
-    """A number that describes the values of many episodes.
+class Share:
+    """The share of the episodes whose value is 1; the others have 0.
 
-    Over tasks with equally many episodes, the mean of its values is its value of all episodes.
     ``interval`` and ``paired`` say in words how it is estimated and how two policies are compared.
     """
-
-    interval: str
-    paired: str
-
-    def value(self, values: Floats) -> float:
-        """Return the statistic of values, float64 (N,): the mean, of which a share is one."""
-        return float(values.mean())
-
-    @abstractmethod
-    def estimate(self, values: Values, rng: Rng) -> Estimate:
-        """Estimate the statistic with its 95 % interval."""
-
-    @abstractmethod
-    def difference(self, first: Values, second: Values, rng: Rng) -> Estimate:
-        """Estimate the first less the second, of episodes that are not the same ones."""
-
-    @abstractmethod
-    def paired_test(self, first: Floats, second: Floats, rng: Rng) -> PairedResult:
-        """Estimate the second less the first, float64 (N,) each of the same N episodes."""
-
-    @abstractmethod
-    def episodes_needed(self, worse: Floats, level: float, tolerance: float) -> float:
-        """Return about how many episodes settle a difference in four of five cases, as observed.
-
-        Args:
-            worse: How much worse each paired episode is, float64 (N,).
-            level: Two-sided level of the test of a difference.
-            tolerance: A worsening by more is to be shown, one by less to be excluded by the 95 %
-                interval. Infinity is returned where no number of episodes does.
-        """
-
-
-class Share(Statistic):
-    """The share of the episodes whose value is 1; the others have 0."""
 
     interval = "Wilson for shares"
     paired = "Tango's score interval and the exact McNemar test for shares of episodes"
@@ -114,7 +78,7 @@ class Share(Statistic):
         return max(excluded**2, NORMAL_QUANTILE**2 * (1.0 / distance - 1.0))
 
 
-class Mean(Statistic):
+class Mean:
     """The mean over the episodes."""
 
     interval = "bootstrap over episodes for means (too narrow where few of them carry the mean)"
@@ -155,6 +119,12 @@ class Mean(Statistic):
             return max(shown, needed(worsening - tolerance, 0.0), math.ceil(math.log2(2 / level)))
         return max(needed(tolerance - worsening, NORMAL_QUANTILE), FEWEST_FOR_A_MEAN)
 
+
+Statistic = Share | Mean
+"""A number that describes the values of many episodes.
+
+Over tasks with equally many episodes, the mean of its values is its value of all episodes.
+"""
 
 SHARE, MEAN = Share(), Mean()
 

@@ -284,7 +284,7 @@ def episode_row(episode: Episode) -> tuple[Any, ...]:
     """Return the cells of an episode: EPISODE_COLUMNS."""
     return (
         *(getattr(episode, name) for name in _IDENTITY),
-        *(metric.cell(episode) for metric in _MEASURED),
+        *(getattr(episode, metric.column, metric.value(episode)) for metric in _MEASURED),
     )
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from functools import reduce
 
 import torch
 from torch import Tensor, nn
@@ -20,12 +19,8 @@ ENCODER_STRIDES = (4, 2, 2, 2)
 """Strides. Table 3 prints 4, 2, 1, 1, with which its sizes 20, 8, 4, 2 do not come out; with these
 strides all but one do (9 in place of 8)."""
 
-ENCODER_GRID = reduce(
-    lambda size, layer: (size - layer[0]) // layer[1] + 1,
-    zip(ENCODER_KERNELS, ENCODER_STRIDES, strict=True),
-    PROTOCOL.observation.image_size,
-)
-"""Height and width of the last feature map: 2, as Table 3 of the supplement prints."""
+ENCODER_GRID = 2
+"""Height and width of the last feature map, as Table 3 of the supplement prints."""
 
 FEATURES = 256
 """Outputs of the encoder's fully-connected layer (supplement, Table 3)."""

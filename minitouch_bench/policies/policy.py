@@ -182,7 +182,10 @@ def check_permitted(source: PolicySource, isolation: Isolation, *, trust: bool) 
         PolicyLoadError: it is neither in the sandbox nor trusted.
     """
     if source.kind == "factory" and not trust:
-        raise PolicyLoadError(f"'{source.target}' runs Python code: it needs --trust")
+        raise PolicyLoadError(
+            f"'{source.target}' runs Python code of its own on this machine.\n"
+            "If you trust it, add --trust"
+        )
     if FORMATS[source.kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
         raise PolicyLoadError(
             f"{source.target} is {source.kind}, which can run code of its own on this machine.\n"

@@ -126,6 +126,8 @@ def _acting_part(policy: object) -> Any:
             f"{type(policy).__name__} is not a policy: a policy is a name, a file, an object with "
             "act(observation), a Stable-Baselines3 model, or a torch module on (image, touch)"
         )
+    if isinstance(module, torch.jit.ScriptModule):  # which cannot be pickled
+        return module
     # Not deepcopy, which refuses what a trained PPO keeps of its last gradient.
     return pickle.loads(cloudpickle.dumps(module)).cpu().eval()
 
@@ -134,7 +136,7 @@ def _as_policy(acting: Any, deterministic: bool) -> Policy:
     if _has_act(acting):
         has_reset = callable(getattr(acting, "reset", None))
         return acting if has_reset else ObjectPolicy(acting)
-    if hasattr(acting, "predict"):
+    if hasattr(acting, "predict") and hasattr(acting, "observation_space"):
         from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
 
         return Sb3Policy(acting, deterministic)
@@ -143,7 +145,7 @@ def _as_policy(acting: Any, deterministic: bool) -> Policy:
     from minitouch_bench.policies.torch_programs import ModulePolicy, find_script_memory  # noqa: PLC0415
 
     is_script = isinstance(acting, ScriptModule)
-    return ModulePolicy(acting, find_script_memory(acting) if is_script else "")
+    return ModulePolicy(acting.eval(), find_script_memory(acting) if is_script else "")
 
 
 def _has_act(policy: object) -> bool:

@@ -53,14 +53,13 @@ def parse_source(
     text: str,
     tasks: Sequence[str] = (),
     *,
-    trust: bool = False,
     role: Role = Role.FINAL,
     contact: bool = True,
 ) -> PolicySource:
     """Find out what POLICY means, with a file for each of ``tasks``; ``contact`` the Hub, or not.
 
     Raises:
-        PolicyLoadError: there is no such policy, or it needs ``trust``.
+        PolicyLoadError: there is no such policy.
     """
     try:
         text.encode()
@@ -83,11 +82,6 @@ def parse_source(
     if exists or path.suffix in KIND_BY_SUFFIX:
         return _parse_file(path)
     if FACTORY_PATTERN.fullmatch(text):
-        if not trust:
-            raise PolicyLoadError(
-                f"'{text}' runs Python code of its own on this machine.\n"
-                "If you trust it, add --trust"
-            )
         return PolicySource("factory", text, text)
     raise PolicyLoadError(
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "

@@ -1,7 +1,6 @@
 """The figures of a report as data, and the plots that the leaderboard's pages show too."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,6 @@ def report_figures(
     ``forces``: what is known of each run's forces.
     """
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
-    rows = chain(*(section.run.rows for section in sections))
     figures = (
         charts.Figure(
             "against-the-paper",
@@ -48,21 +46,8 @@ def report_figures(
             "other episodes and object sets.",
             tuple(_estimate_plot(task, sections) for task in tasks),
         ),
-        charts.Figure(
-            "episode-steps",
-            "How long episodes last",
-            "Share of a run's episodes by number of control steps, and by how they ended.",
-            tuple(_outcome_plot(task, sections) for task in goals),
-            ending_legend(ending_of(row) for row in rows if row.task in goals),
-        ),
-        charts.Figure(
-            "touch-over-time",
-            "Touch over time",
-            "Mean ticks in contact at each control step, over the episodes that reached it; "
-            "faint where fewer than a tenth of the episodes are left.",
-            tuple(touch_plot(task, [section.run for section in sections]) for task in tasks),
-            _run_legend(sections),
-        ),
+        steps_figure({task: _panels(task, sections) for task in goals}),
+        touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
     )
     drawn = tuple(figure for figure in figures if figure.plots)
     return (*drawn, _force_figure(sections, tasks, forces))
@@ -146,13 +131,46 @@ def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
     return charts.Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
 
 
-def _outcome_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
-    """Draw how long a task's episodes last, a panel per run, colored by how they ended."""
-    panels = {}
-    for name, section in zip(_names(sections), sections, strict=True):
-        episodes = [episode for episode in section.run.rows if episode.task == task]
-        panels[name if len(sections) > 1 else ""] = steps_by_ending(episodes)
-    return steps_plot(task, panels)
+def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode]]:
+    """Return a task's episodes of each run, by its name where there are several."""
+    names = _names(sections) if len(sections) > 1 else [""]
+    return {
+        name: [episode for episode in section.run.rows if episode.task == task]
+        for name, section in zip(names, sections, strict=True)
+    }
+
+
+def steps_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:
+    """Draw how long episodes last, colored by how they ended; ``played`` by task and panel."""
+    return charts.Figure(
+        "episode-steps",
+        "How long episodes last",
+        "Share of the episodes by number of control steps, and by how they ended.",
+        tuple(
+            steps_plot(task, {name: steps_by_ending(rows) for name, rows in panels.items()})
+            for task, panels in played.items()
+        ),
+        ending_legend(
+            ending_of(row) for panels in played.values() for rows in panels.values() for row in rows
+        ),
+    )
+
+
+def touch_figure(
+    tasks: Sequence[str],
+    runs: Sequence[Run],
+    legend: tuple[charts.LegendItem, ...] = (),
+    more: str = "",
+) -> charts.Figure:
+    """Draw the touch curves of runs; ``more`` ends the text below."""
+    return charts.Figure(
+        "touch-over-time",
+        "Touch over time",
+        "Mean ticks in contact at each control step, over the episodes that reached it; faint "
+        f"where fewer than a tenth of the episodes are left{more}.",
+        tuple(touch_plot(task, runs) for task in tasks),
+        legend,
+    )
 
 
 def steps_by_ending(episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64]]:

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
@@ -278,11 +279,13 @@ def tasks_in_order(runs: Sequence[Run]) -> tuple[str, ...]:
 
 
 def reproduce_command(header: RunHeader) -> str:
-    """Return the command line that repeats a run."""
+    """Return the command line that repeats a run; "" where there is none."""
+    kinds = {policy.kind for policy in header.policies()}
+    if IN_MEMORY in kinds or (header.plan.objects and header.plan.objects.are_listed):
+        return ""
     words = ["minitouch-bench", "evaluate", header.policy.source, *header.plan.as_options()]
     if header.exploration is not None:
         words += ["--exploration", header.exploration.source]
-    kinds = {policy.kind for policy in header.policies()}
     is_chosen = "scripted" not in kinds and is_weakly_isolated(kinds, header.isolation)
     if is_chosen:
         words += ["--isolation", header.isolation]

@@ -212,7 +212,14 @@ def find_viewers(run: Run, replays: Path, page: Path) -> dict[str, str]:
     names = set(os.listdir(replays)) if files.is_folder(replays) else set()
     keys = (episode_key(role, row.task, row.index) for role, rows in run.by_role() for row in rows)
     found = {key: replays / files.view_name(key, ".html") for key in keys}
-    return {key: relative_address(p, page) for key, p in found.items() if p.name in names}
+    there = ((key, path) for key, path in found.items() if path.name in names)
+    return {key: relative_address(path, page) for key, path in there if _is_of(path, run)}
+
+
+def _is_of(viewer: Path, run: Run) -> bool:
+    """Tell whether a viewer shows an episode of this run, and not of one that was there before."""
+    with viewer.open("rb") as file:
+        return f'content="{run.digest}"'.encode() in file.read(files.KIB)
 
 
 def relative_address(path: Path, page: Path) -> str:

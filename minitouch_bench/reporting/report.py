@@ -240,9 +240,10 @@ def table4_markdown(report: Report) -> str:
 
 def table4_latex(report: Report) -> str:
     """Write Table 4 as LaTeX, ready for a paper."""
-    header = report.sections[0].run.header
+    protocol = report.sections[0].run.header.protocol
+    suites = labels.listed([*dict.fromkeys(one.run.plan.suite for one in report.sections)])
     beside = ", beside the paper" if any(c.is_paper for c in report.table4.columns) else ""
-    caption = f"MiniTouch, protocol {header.protocol}, suite {header.plan.suite}{beside}."
+    caption = f"MiniTouch, protocol {protocol}, suite {suites}{beside}."
     return tables.table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
 
 

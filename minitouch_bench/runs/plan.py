@@ -75,9 +75,17 @@ class PlannedObjects:
             raise UsageError("the objects of a run are shapes of one set, not of several")
         known = manifest.load_shape_set(*folders)
         source = chosen if isinstance(chosen, str) else str(known.path)
-        is_ours = known.digest == PROTOCOL.shapes
-        origin = ("", "") if is_ours else (source, known.digest)
-        return cls(Path(source).resolve().name, tuple(shape.name for shape in shapes), *origin)
+        name, names = Path(source).resolve().name, tuple(shape.name for shape in shapes)
+        if shapes != known.shapes and not isinstance(chosen, str | manifest.ShapeSet):
+            name = first_of(names, NAMED_IN_LABEL)
+        if known.digest != PROTOCOL.shapes:
+            return cls(name, names, source, known.digest)
+        return cls(manifest.ALL if shapes == known.shapes else name, names, "", "")
+
+    @property
+    def are_listed(self) -> bool:
+        """Whether single shapes were named, as only Python can."""
+        return self.name != CUBE and self.name == first_of(self.shapes, NAMED_IN_LABEL)
 
     def mistake(self, tasks: Sequence[str]) -> str:
         """Return why the tasks cannot be played with these objects, or ""."""

@@ -25,6 +25,7 @@ from minitouch_bench.episode import (
 )
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError, printable
 from minitouch_bench.json_io import read_json, write_json
+from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import (
     Summary,
     TaskResult,
@@ -378,16 +379,18 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
     if mark.format != RUN_FORMAT:
         raise RunDirectoryError(f"{files.RUN_FILE}: its format is not '{RUN_FORMAT}'")
     if mark.version != RUN_VERSION:
-        raise RunDirectoryError(
-            f"{files.RUN_FILE} has version {mark.version}, this program reads version "
-            f"{RUN_VERSION}; use the minitouch-bench that wrote it"
-        )
+        what = f"has version {mark.version}, not {RUN_VERSION}; use the program that wrote it"
+        raise RunDirectoryError(f"{files.RUN_FILE} {what}")
     document = read_json(content, RunDocument, files.RUN_FILE)
     summary = document.summary
     rows = (*document.episodes, *document.exploration_episodes)
-    named = {row.task for part in (rows, summary.tasks, summary.generalization) for row in part}
-    if unknown := sorted({*document.header.plan.tasks, *named} - set(TASK_NAMES)):
-        raise RunDirectoryError(f"{files.RUN_FILE}: this version has no task {unknown[0]!a}")
+    tasks = {row.task for part in (rows, summary.tasks, summary.generalization) for row in part}
+    metrics = {name for task in summary.tasks for name in task.estimates}
+    metrics |= {name for gap in summary.generalization for name in (gap.family_metric, *gap.gaps)}
+    named = {"task": tasks | {*document.header.plan.tasks}, "metric": metrics}
+    for what, known in (("task", TASK_NAMES), ("metric", METRICS)):
+        if unknown := sorted(named[what].difference(known)):
+            raise RunDirectoryError(f"{files.RUN_FILE}: this version has no {what} {unknown[0]!a}")
     return Run(
         document.digest, document.header, document.environment, document.summary, document.faults,
         document.episodes, document.exploration_episodes, name, directory, content,

@@ -136,6 +136,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], by
     missed: dict[soundness.Reason, str] = {}
     try:
         mesh = prepared(read_object(path), config)
+        soundness.check_mesh(mesh, missed.__setitem__)  # before CoACD, which takes long
         volume = solid_moments(mesh).volume
         low, high = (mass / volume for mass in soundness.LIMITS.mass)
         density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))

@@ -97,3 +97,8 @@ def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
 
 def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path):
     run("evaluate", os.fsdecode(b"\xff.onnx"), directory=tmp_path).refused(2, "UTF-8", "\\udcff")
+
+
+def test_a_name_that_no_system_has_is_refused_in_a_line(tmp_path):
+    command = ("leaderboard", "remove", "hac", "--submissions", "a" * 300)
+    run(*command, directory=tmp_path).refused(6, "File name too long")

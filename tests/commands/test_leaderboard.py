@@ -137,14 +137,15 @@ def test_only_a_submission_is_removed(root, name):
     assert (root / "submissions/hac/submission.toml").exists()
 
 
-@pytest.mark.parametrize("answer", ["y", "n"])
-def test_a_terminal_is_asked_before_a_submission_is_removed(root, answer):
+@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1), ("\x04", 130)])
+def test_a_terminal_is_asked_before_a_submission_is_removed(root, answer, code):
     keyboard, terminal = os.openpty()
-    os.write(keyboard, f"{answer}\n".encode())
+    os.write(keyboard, answer.encode())
     command = [*COMMAND, "leaderboard", "remove", "hac"]
     done = subprocess.run(
         command, cwd=root, stdin=terminal, capture_output=True, text=True, check=False
     )
     assert "Remove hac?" in done.stderr
-    assert done.returncode == (answer == "n")
-    assert (root / "submissions/hac").exists() is (answer == "n")
+    assert "Traceback" not in done.stderr
+    assert done.returncode == code
+    assert (root / "submissions/hac").exists() is (code > 0)

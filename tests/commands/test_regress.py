@@ -99,6 +99,9 @@ def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
     text = page.read_text()
     assert text.startswith("before\n## ✅ minitouch-bench no regression: ")
     assert text.count("\n## ") == 2
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(runs / "good"))  # of another machine
+    assert gate(runs, "bad").code == 1
+    assert gate(runs, "bad", "--summary", tmp_path).code == 6
 
 
 def test_not_enough_episodes_are_never_called_a_pass_and_fail_if_worse_beyond_the_tolerance(runs):

@@ -56,7 +56,7 @@ def test_a_clear_worsening_is_a_regression_and_the_tasks_say_where():
     result = judged(candidate(70))
     assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
     effect = result.endpoint.effect
-    assert (effect.task, effect.metric, effect.count) == ("mean", "success", 2 * N)
+    assert (effect.task, effect.metric, effect.difference.count) == ("mean", "success", 2 * N)
     assert worse_in(result) == [("pushing", "success"), ("pushing", "episode_steps")]
     assert len(result.changes) == 20
 
@@ -169,7 +169,7 @@ def test_another_metric_can_decide():
 @pytest.mark.parametrize(
     ("metric", "why"),
     [
-        ("exploration", "POLICY plays no exploration episodes; give --candidate"),
+        ("exploration", "exploration episodes are missing: POLICY plays none"),
         ("touch_interaction", "touch_interaction cannot get worse"),
     ],
 )

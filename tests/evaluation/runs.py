@@ -39,8 +39,8 @@ def request(
     plan = Plan("table4", tasks, episodes, seed, limits=PolicyLimits(**limits))
     return PolicySetup(
         plan,
-        parse_source(policy, trust=True),
-        None if exploration is None else parse_source(exploration, trust=True),
+        parse_source(policy),
+        None if exploration is None else parse_source(exploration),
         IsolationOptions(isolation, trust=True, limits=plan.limits),
     )
 

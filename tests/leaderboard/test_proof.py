@@ -90,6 +90,7 @@ def test_a_small_drop_in_every_task_is_seen_where_no_single_one_is():
     small = [Values.of("opening", shares(100, 100), shares(46, 50))]
     assert drop_together(groups([small] * 3)) < 0.001
     assert drop_together(groups([small])) is None
+    assert drop_together({}) is None
     assert drop_together(groups([small, small]) | groups([small], suite="novel-shapes")) < 0.001
 
 

@@ -192,6 +192,11 @@ def test_other_mistakes_in_the_file(submission, old, new, words):
     refused(submission, "submission.toml", words)
 
 
+def test_a_mistake_in_the_seeds_is_the_only_problem(submission):
+    edit_toml(submission, 'sha256 = "', 'sha256 = "X')
+    assert len(refused(submission, "sha256")) == 1
+
+
 # Paths and files
 
 

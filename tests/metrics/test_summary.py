@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import measure
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, measure
 from tests.reporting.synthetic import make_run, of_tasks, rows_of, summary_of, with_fault
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
@@ -156,5 +156,6 @@ def test_a_fault_improves_nothing(task):
     for outcome, steps in ((Outcome.POLICY_FAULT, 200), (Outcome.STEP_LIMIT, 3)):
         row = measure(replace(record, outcome=outcome))
         assert METRICS["episode_steps"].value(row) == steps
-        assert METRICS["episode_steps"].cell(row) == row.steps == 3
-        assert METRICS["touch_share"].value(row) == METRICS["touch_share"].cell(row) == 2 / steps
+        cells = dict(zip(EPISODE_COLUMNS, episode_row(row), strict=True))
+        assert cells["steps"] == row.steps == 3
+        assert METRICS["touch_share"].value(row) == cells["touch_share"] == 2 / steps

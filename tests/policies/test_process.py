@@ -40,7 +40,7 @@ SOON_S = 30.0
 
 
 def factory(attribute):
-    return parse_source(f"misbehaving:{attribute}", trust=True)
+    return parse_source(f"misbehaving:{attribute}")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -302,7 +302,7 @@ from minitouch_bench.policies.process import PolicyProcess
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 policy = PolicyProcess(
-    parse_source("misbehaving:Misbehaving", trust=True), IsolationOptions(trust=True)
+    parse_source("misbehaving:Misbehaving"), IsolationOptions(trust=True)
 )
 policy.reset(int(sys.argv[1]), "pushing")
 print(*policy.act(zero_observation())[1:3].astype(int), "torch" in sys.modules, flush=True)

@@ -44,7 +44,7 @@ def test_a_fault_names_the_line_of_the_policy_at_every_level(tmp_path, monkeypat
     (tmp_path / "bugs.py").write_text(BUGS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.syspath_prepend(tmp_path)
-    factory = parse_source("bugs:Bugs", trust=True)
+    factory = parse_source("bugs:Bugs")
     in_memory = keep_in_memory(importlib.import_module("bugs").Bugs())
     monkeypatch.delitem(sys.modules, "bugs")
     cases = [(factory, Isolation.SANDBOX), (factory, Isolation.NONE), (in_memory, Isolation.NONE)]
@@ -70,8 +70,20 @@ class Right(Narrow):
     rows = 11
 
 
-def test_a_factory_can_make_a_torch_module(observation):
-    policy = make_policy(Right, deterministic=True)
+class Still(torch.nn.Module):
+    def forward(self, image, touch):
+        return 0.0 * touch[:, :4]
+
+
+class Predicting(Right):
+    def predict(self, image):
+        raise NotImplementedError
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.parametrize("factory", [Right, Predicting, lambda: torch.jit.script(Still())])
+def test_a_factory_can_make_a_torch_module(observation, factory):
+    policy = make_policy(factory, deterministic=True)
     policy.reset(0, "pushing")
     assert policy.act(observation).tolist() == [[0.0] * 4]
 

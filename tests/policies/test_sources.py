@@ -5,6 +5,7 @@ import pytest
 
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.policies.process import try_policy
 from minitouch_bench.policies.sources import parse_source, trained_task
 
 
@@ -51,9 +52,10 @@ def test_a_server_is_labeled_remote():
 
 
 def test_a_factory_needs_trust():
+    source = parse_source("package.module:attribute")
+    assert source.kind == "factory"
     with pytest.raises(PolicyLoadError, match="--trust"):
-        parse_source("package.module:attribute")
-    assert parse_source("package.module:attribute", trust=True).kind == "factory"
+        try_policy(source, ["pushing"])
 
 
 def test_a_directory_has_one_file_a_task(folder):

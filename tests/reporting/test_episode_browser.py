@@ -19,7 +19,9 @@ def pages(tmp_path_factory):
     root = tmp_path_factory.mktemp("two words")
     runs = [write(make_run(name, faults=2), root / name) for name in ("hac", "rnd")]
     (root / "hac/replays").mkdir()
-    (root / "hac/replays/pushing-1.html").write_text("<title>the viewer</title>")
+    mark = '<meta name="run" content="{}"><title>the viewer</title>'
+    (root / "hac/replays/pushing-1.html").write_text(mark.format(runs[0].digest))
+    (root / "hac/replays/pushing-2.html").write_text(mark.format(runs[1].digest))  # of another run
     write_page(build_report(runs[:1], directory=root / "hac"), root / "hac")
     write_page(build_report(runs, directory=root / "comparison"), root / "comparison")
     return root

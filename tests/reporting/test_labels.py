@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import pytest
 
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import PolicyLimits
@@ -16,6 +17,7 @@ from minitouch_bench.reporting.labels import (
     run_labels,
     run_names,
 )
+from minitouch_bench.runs.plan import PlannedObjects
 
 TABLE_4 = {
     "exploration": "0.403 0.181 0.077  0.669 0.564 0.380  0.063 0.013 0.005",
@@ -90,6 +92,14 @@ def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
     assert "--isolation none" in reproduce_command(replace(alone, isolation="none"))
     explored = replace(hac.header.exploration, kind="factory")
     assert reproduce_command(replace(hac.header, exploration=explored)).endswith("--trust")
+
+
+def test_no_command_repeats_what_only_python_can_name(hac):
+    policy = replace(hac.header.policy, kind=IN_MEMORY)
+    assert reproduce_command(replace(hac.header, policy=policy)) == ""
+    objects = PlannedObjects.of(["shape-0001", "shape-0002"])
+    plan = replace(hac.plan, objects=objects)
+    assert reproduce_command(replace(hac.header, plan=plan)) == ""
 
 
 def test_a_source_cannot_add_a_command(hac):

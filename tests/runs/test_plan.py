@@ -115,6 +115,7 @@ def test_a_policy_and_its_isolation_can_make_a_run_unofficial():
         ),
         make_plan("smoke", ["pick-up"], objects="cube"),
         make_plan("table4", objects="held-out"),
+        make_plan("table4", objects="shapes/minitouch-1000"),
     ],
     ids=lambda plan: " ".join(plan.as_options()),
 )
@@ -157,6 +158,8 @@ def test_shapes_of_this_package_keep_their_split():
     assert [spec.shape for spec in plan.specs()] == ["shape-0003", "shape-0001", "shape-0003"]
     assert {spec.split for spec in plan.specs()} <= {"train", "held-out"}
     assert plan.load_objects() is None
+    assert plan.changes_in_words() == ("objects shape-0003, shape-0001",)
+    assert plan.objects.are_listed
     assert replace(plan, tasks=("opening",)).mistake() == "opening has no object to choose"
     with pytest.raises(UsageError, match="opening has no object"):
         make_plan("table4", ["opening"], objects="cube")

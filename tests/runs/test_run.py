@@ -116,6 +116,14 @@ def test_a_malformed_document_gives_one_clear_line(document, place, value, word)
     assert VALIDATOR.is_valid(broken) != is_within_limits
 
 
+def test_a_metric_of_a_later_version_is_refused(document):
+    place = ("summary", "tasks", 0, "estimates")
+    estimates = document["summary"]["tasks"][0]["estimates"]
+    broken = edited(document, place, {**estimates, "luck": next(iter(estimates.values()))})
+    with pytest.raises(RunDirectoryError, match="no metric 'luck'"):
+        read(broken)
+
+
 CONTENTS = [b"", b'{"format": NaN}', b"\xff", b"[" * 10**6, b"null"]
 
 

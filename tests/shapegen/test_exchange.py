@@ -1,4 +1,5 @@
 import os
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from minitouch_bench.shapegen.exchange import (
     read_object,
 )
 from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.solids import Solid, to_mesh
 from tests.shapegen.bodies import BLOCK
 
 
@@ -142,6 +144,16 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     assert shapes.document["refused"] == result.refused
     with pytest.raises(RunDirectoryError, match="already"):
         import_objects(given, folder, ImportConfig())
+
+
+def test_too_many_faces_are_refused_before_coacd(tmp_path: Path, monkeypatch) -> None:
+    solid = Solid.cube((0.05, 0.05, 0.05), True)
+    for x, y in product(range(-8, 9), repeat=2):
+        solid -= Solid.cube((0.001, 0.001, 0.1), True).translate((0.002 * x, 0.002 * y, 0.0))
+    mesh = to_mesh(solid)
+    trimesh.Trimesh(mesh.vertices, mesh.faces).export(str(tmp_path / "grid.stl"))
+    monkeypatch.setattr(exchange, "weighed", None)
+    assert "too many faces" in refusal(tmp_path / "grid.stl")
 
 
 def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.row import join_runs
+from experiments.grid import Cell
+from experiments.row import collect, join_runs
 from minitouch_bench.metrics.summary import Summary
 from minitouch_bench.runs.run import read_run
 
@@ -45,6 +46,16 @@ def test_the_parts_of_a_run_are_joined_to_it(whole, parts, tmp_path):
     assert {key: actions.tobytes() for key, actions in joined.actions.items()} == {
         key: actions.tobytes() for key, actions in whole.actions.items()
     }
+
+
+def test_an_arm_without_exploration_has_final_policies_alone(tmp_path):
+    cells = [Cell("pushing", "sac", 10, 0), Cell("opening", "sac", 10, 0)]
+    for cell in cells:
+        (tmp_path / cell.name).mkdir()
+        (tmp_path / cell.name / "final.safetensors").touch()
+    final, exploration = collect(cells, tmp_path, tmp_path / "row")
+    assert {file.name for file in final.iterdir()} == {"pushing.safetensors", "opening.safetensors"}
+    assert not [*exploration.iterdir()]
 
 
 def test_parts_of_another_evaluation_are_refused(whole, parts, tmp_path):

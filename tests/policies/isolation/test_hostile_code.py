@@ -59,7 +59,7 @@ def factory(home):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(home), prepend=":")
         patch.setenv("MINITOUCH_SECRET", "s3cret")
-        source = parse_source("hostile_factory:Hostile", trust=True)
+        source = parse_source("hostile_factory:Hostile")
         with PolicyProcess(source, IsolationOptions(trust=True, limits=LIMITS)) as policy:
             policy.reset(0, "pushing")
             yield policy

@@ -44,7 +44,7 @@ def home(tmp_path, monkeypatch):
 
 
 def test_a_factory_reads_its_data_but_neither_its_run_nor_hidden_files(home):
-    source = parse_source("reader:Reader", trust=True)
+    source = parse_source("reader:Reader")
     options = IsolationOptions(trust=True, private=str(home / "reports" / "run"))
     with PolicyProcess(source, options) as policy:
         policy.reset(0, "pushing")
@@ -55,7 +55,7 @@ def test_a_factory_that_is_denied_a_file_is_told_what_it_may_read(home, tmp_path
     weights = tmp_path_factory.mktemp("elsewhere") / "weights.txt"
     weights.write_text("1")
     (home / "far.py").write_text(f"def make():\n    return open({str(weights)!r}).read()\n")
-    source = parse_source("far:make", trust=True)
+    source = parse_source("far:make")
     told = pytest.raises(PolicyLoadError, match=r"weights.txt.* PYTHONPATH only")
     with PolicyProcess(source, IsolationOptions(trust=True)) as policy, told:
         policy.reset(0, "pushing")
