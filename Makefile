@@ -82,7 +82,7 @@ $(READY): pyproject.toml constraints.txt
 	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
 	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
-	$(PIP) --quiet --retries 1 --no-deps --extra-index-url https://download.pytorch.org/whl/cpu torch
+	$(PIP) --retries 1 --no-deps --extra-index-url https://download.pytorch.org/whl/cpu torch
 	$(PIP) --editable .
 	@touch $(READY)
 

@@ -43,7 +43,12 @@ def make_files(directory: Path) -> Iterable[Path]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         run_recipes(
-            directory, "save_native(", "torch.jit.trace(", "torch.onnx.export(", "stable_baselines3"
+            directory,
+            "save_native(",
+            "torch.export.save(",
+            "torch.jit.trace(",
+            "torch.onnx.export(",
+            "stable_baselines3",
         )
     return sorted(directory.glob("policy.*"))
 

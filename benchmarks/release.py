@@ -69,7 +69,6 @@ def start(kind: str, name: str, variables: dict[str, str]) -> "subprocess.Popen[
         [sys.executable, "-c", DRIVER, kind, name],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
         text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
     )
@@ -81,10 +80,11 @@ def measure(process: "subprocess.Popen[str]") -> tuple[float, float]:
     assert process.stdout is not None
     process.stdin.write(f"{STEPS}\n")
     process.stdin.flush()
-    while True:  # the release prints while it loads
-        words = process.stdout.readline().split()
+    for line in process.stdout:  # the release prints while it loads
+        words = line.split()
         if len(words) == 2 and words[0][0].isdigit():
             return float(words[0]), float(words[1])
+    sys.exit("an environment ended, as is said above")
 
 
 if __name__ == "__main__":

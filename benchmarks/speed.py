@@ -17,12 +17,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+import minitouch_bench as mt
 from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
-
-RELEASED_STEPS_PER_SECOND = {"playing": 15.0, "pushing": 14.9, "opening": 32.0, "pick-up": 13.7}
-"""The released MiniTouch package on a machine of its own: for orientation, not a ratio."""
 
 RESETS = 30
 EPISODES = 3
@@ -56,11 +54,6 @@ def main() -> None:
             f"{statistics.median(measure_resets(task)) * 1e3:.1f} ms",
         )
     console.print(table)
-    console.print(
-        "The released package's own figures, measured elsewhere: "
-        + ", ".join(f"{task} {value:g}" for task, value in RELEASED_STEPS_PER_SECOND.items())
-        + " control steps/s."
-    )
     measure_workers(console)
 
 
@@ -134,8 +127,7 @@ def measure_workers(console: Console) -> None:
             while process.poll() is None:
                 peak = max(peak, tree_memory(process.pid))
                 time.sleep(0.2)
-            run = (Path(directory) / "run" / "run.json").read_text()
-        seconds[workers] = float(run.split('"wall_s": ')[1].split("\n")[0].rstrip(","))
+            seconds[workers] = mt.load_run(f"{directory}/run").environment.wall_s
         console.print(
             f"{workers} workers: {seconds[workers]:.1f} s, peak memory {peak / 2**20:.0f} MiB"
         )

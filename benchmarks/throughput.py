@@ -14,11 +14,12 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.episode import EpisodeSpec
+from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource
+from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 
@@ -38,7 +39,9 @@ def main() -> None:
         found = set()
         for turn in range(ROUNDS):
             for level in LEVELS[turn % 3 :] + LEVELS[: turn % 3]:
-                rate, digests = measure(source, level, specs)
+                isolation = IsolationOptions(level, trust=True)
+                setup = PolicySetup(make_plan("smoke"), source, None, isolation)
+                _, rate, digests = measure(LocalEngine(WORKERS), setup, specs)
                 rates[level].append(rate)
                 found.add(digests)
     assert len(found) == 1, "the levels gave different bits"
@@ -46,19 +49,21 @@ def main() -> None:
 
 
 def measure(
-    source: PolicySource, level: Isolation, specs: Sequence[EpisodeSpec]
-) -> tuple[float, tuple[str, ...]]:
-    """Return the control steps a second after the first episode's end, and all digests."""
-    setup = PolicySetup(make_plan("smoke"), source, None, IsolationOptions(level, trust=True))
-    digests, steps, begun = {}, 0, 0.0
-    for record in LocalEngine(WORKERS).run(setup, specs):
+    engine: Engine, setup: PolicySetup, specs: Sequence[EpisodeSpec]
+) -> tuple[float, float, tuple[str, ...]]:
+    """Return the seconds to the first episode's end, the control steps a second after it, digests.
+
+    The digests are in the order of ``specs``.
+    """
+    digests, steps, first, begun = {}, 0, 0.0, time.perf_counter()
+    for record in engine.run(setup, specs):
         digests[record.spec.key] = record.trace.digest()
-        if begun:
+        if first:
             steps += len(record.trace.actions)
         else:
-            begun = time.perf_counter()
-    rate = steps / (time.perf_counter() - begun)
-    return rate, tuple(digests[spec.key] for spec in specs)
+            first = time.perf_counter() - begun
+    rate = steps / (time.perf_counter() - begun - first)
+    return first, rate, tuple(digests[spec.key] for spec in specs)
 
 
 def show(rates: dict[Isolation, list[float]]) -> None:

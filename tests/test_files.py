@@ -17,6 +17,7 @@ from minitouch_bench.files import (
     LOCK_FILE,
     MIB,
     RUN_FILES,
+    append_bytes,
     cache_directory,
     cache_file,
     clear_run,
@@ -139,6 +140,16 @@ def test_a_file_is_written_with_its_directory_and_replaces_a_link_not_its_target
     assert path.read_bytes() == b"again"
     assert target.read_text() == "kept"
     assert os.listdir(path.parent) == ["report.md"]
+
+
+@pytest.mark.parametrize("plant", [Path.symlink_to, Path.hardlink_to])
+def test_nothing_is_appended_through_a_link(tmp_path, plant):
+    target = tmp_path / "target"
+    target.write_text("kept")
+    plant(tmp_path / "link", target)
+    with pytest.raises(RunDirectoryError):
+        append_bytes(tmp_path / "link", b"more")
+    assert target.read_text() == "kept"
 
 
 WRITE_FOREVER = """

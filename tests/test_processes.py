@@ -112,6 +112,13 @@ def test_a_worker_keeps_its_function_from_job_to_job():
         assert sorted(counts) == list(range(1, len(counts) + 1))
 
 
+def test_breaking_off_ends_the_workers():
+    found = run_in_workers(Counter(), ["a"] * 9, 2, name=str)
+    _, (process, _) = next(found)
+    found.close()
+    wait_until(lambda: not is_alive(process))
+
+
 def test_workers_compute_with_the_fixed_settings(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     found = run_named(os.getenv, list(ARITHMETIC))

@@ -3,13 +3,9 @@
 import math
 import pickle
 import shutil
-import struct
 import zipfile
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -45,30 +41,6 @@ def prepared(broken_off, tmp_path):
 
 def mine(directory):
     return directory.parent / "mine" / "letter.txt"
-
-
-WRITTEN = (
-    "exploration.safetensors", "replay.bin", "checkpoint.pt", "progress.csv", "config.toml",
-    "report.html", "final.safetensors",
-)  # fmt: skip
-"""The first one is written in the middle of the training, the others also at its end."""
-
-
-@pytest.mark.parametrize("plant", [Path.symlink_to, Path.hardlink_to])
-def test_nothing_is_written_through_a_link(prepared, plant):
-    """Each name is given to a new file, or the training is refused."""
-    letters = mine(prepared).parent
-    for name in WRITTEN:
-        kept = letters / name
-        kept.write_bytes((prepared / name).read_bytes() if (prepared / name).exists() else b"")
-        before = kept.read_bytes()
-        (prepared / name).unlink(missing_ok=True)
-        plant(prepared / name, kept)
-        with suppress(MiniTouchError):
-            run_training(CONFIG, prepared, resume=True, device="cpu")
-        assert kept.read_bytes() == before
-        (prepared / name).unlink()
-        shutil.copy(kept, prepared / name)
 
 
 @pytest.mark.parametrize("name", ["final.safetensors", "config.toml", "letter.txt"])
@@ -266,16 +238,22 @@ def test_a_full_disk_at_the_beginning_or_the_end_says_the_same(
 # A damaged checkpoint
 
 
+def flipped(content):
+    """Return bytes of which one bit is another."""
+    place = len(content) // 3
+    return content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :]
+
+
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
         ("checkpoint.pt", lambda _: b""),
-        ("checkpoint.pt", lambda _: b"half"),
-        ("checkpoint.pt", lambda _: b"xyz"),
         ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
         ("checkpoint.pt", lambda content: content[: len(content) // 2]),
         ("checkpoint.pt", lambda content: zipped(members(content), zipfile.ZIP_DEFLATED)),
+        ("checkpoint.pt", flipped),
         ("replay.bin", lambda content: content[:-10]),
+        ("replay.bin", flipped),
         ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
     ],
 )
@@ -301,25 +279,3 @@ def test_a_checkpoint_of_another_form_is_refused(prepared, values, word):
     with pytest.raises(RunDirectoryError, match=rf"checkpoint\.pt cannot be .*{word}") as refused:
         stop_at_once(prepared)
     assert len(str(refused.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize("name", ["checkpoint.pt", "replay.bin"])
-def test_a_flipped_bit_is_found(prepared, name):
-    file = prepared / name
-    whole = file.read_bytes()
-    # Between the members of the archive a bit means nothing.
-    first, length = largest_member(file) if name == "checkpoint.pt" else (0, len(whole))
-    for place in np.random.default_rng(0).integers(length, size=5):
-        content = bytearray(whole)
-        content[first + place] ^= 16
-        file.write_bytes(content)
-        with pytest.raises(RunDirectoryError, match="cannot be resumed"):
-            stop_at_once(prepared)
-
-
-def largest_member(file):
-    """Where the content of an archive's largest member begins, and its length in bytes."""
-    with zipfile.ZipFile(file) as archive:
-        member = max(archive.infolist(), key=lambda one: one.compress_size)
-    header = file.read_bytes()[member.header_offset :][:30]
-    return member.header_offset + 30 + sum(struct.unpack("<2H", header[26:])), member.compress_size

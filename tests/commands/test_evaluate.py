@@ -39,15 +39,6 @@ def test_a_run_leaves_its_files_and_shows_its_table(scripted):
     assert "2 of 100 episodes per task" in json.dumps(document)
 
 
-def test_two_workers_give_the_same_numbers_and_json_alone_on_stdout(scripted, tmp_path):
-    done = run(
-        *SCRIPTED, "--workers", 2, "--output", tmp_path / "run", "--json", directory=tmp_path
-    )
-    assert done.code == 0
-    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
-    same_results(tmp_path / "run", scripted[1])
-
-
 @pytest.mark.slow
 def test_the_first_episodes_are_filmed_and_shown_if_asked_for(tmp_path):
     done = run(*SCRIPTED, "--output", "run", "--video", 1, "--replays", 1, directory=tmp_path)
@@ -163,6 +154,8 @@ def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):
         (("--tasks", "flying"), 2, "pick-up"),
         (("--workers", "many"), 2, "--workers"),
         (("--name", " "), 2, "--name is empty"),
+        (("--isolation", "none"), 2, "--trust"),
+        (("--tasks", "playing", "--exploration", "zero"), 2, "task with a goal"),
         (("--exploration", "gone.pt"), 3, "gone.pt"),
         (("--output", "file/run"), 6, "cannot be written"),
         (("--output", "busy"), 6, "in use"),
@@ -200,19 +193,7 @@ def test_after_ctrl_c_the_run_is_resumed_with_the_same_result(scripted, tmp_path
     assert broken.out == ""
     assert "Traceback" not in broken.err
     assert "--resume" in broken.err or not episodes
-    done = run(*SCRIPTED, "--output", "run", "--resume", directory=tmp_path)
+    done = run(*SCRIPTED, "--output", "run", "--resume", "--json", directory=tmp_path)
     assert done.code == 0
+    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
     same_results(tmp_path / "run", scripted[1])
-
-
-def test_a_worker_that_always_dies_leaves_a_run_to_be_resumed(tmp_path, monkeypatch):
-    (tmp_path / "sitecustomize.py").write_text(
-        "import sys\n"
-        "if 'minitouch_bench.processes' in ' '.join(sys.orig_argv):\n"
-        "    raise SystemExit(9)\n"
-    )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    done = run(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
-    assert done.code == 5
-    assert "failed 3 times" in done.err
-    assert "--resume" in done.err

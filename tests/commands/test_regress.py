@@ -200,6 +200,15 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
     assert json.loads(again.out) == document
 
 
+def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
+    one = ("--tasks", "opening", "--episodes", 1, "--output", "base")
+    run("evaluate", "random", "--exploration", "random", *one, directory=tmp_path)
+    done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
+    assert done.code == 0
+    assert "left out" in done.err
+    assert "last bit" in done.out
+
+
 def test_a_finished_run_of_a_factory_is_played_again(tmp_path):
     policy = ("misbehaved:Still", "--trust")
     one = ("--tasks", "opening", "--episodes", "1", "--output", "base")

@@ -78,6 +78,15 @@ def test_runs_of_several_trainings_and_suites_are_packed_together(evaluated):
     assert not validate(Path("submissions/hac")).problems
 
 
+def test_the_exploration_checkpoint_is_packed_too(evaluated):
+    write_run("reports/both", exploration=True)
+    submit([Path("reports/both")], **ABOUT)
+    files = told()["seeds"][0]["checkpoints"]
+    assert [file["role"] for file in files] == ["final", "exploration"]
+    packed = {Path("submissions/hac", file["path"]).read_bytes() for file in files}
+    assert packed == {CHECKPOINT}
+
+
 @pytest.fixture
 def per_task(evaluated):
     """A finished run of a directory with a checkpoint for each task."""

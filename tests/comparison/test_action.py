@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -17,10 +16,7 @@ ACTION = ROOT / ".github/actions/regress/action.yml"
 WORKFLOW = ROOT / "docs/examples/regress.yml"
 
 
-def script():
-    """The gate's shell script, without the indentation of the YAML."""
-    text = ACTION.read_text().split("      run: |\n")[-1]
-    return "\n".join(line.removeprefix("        ") for line in text.splitlines())
+GATE = yaml.safe_load(ACTION.read_text())["runs"]["steps"][-1]
 
 
 def gate(tmp_path, code=0, decision="no regression", refused="", **given):
@@ -36,12 +32,9 @@ def gate(tmp_path, code=0, decision="no regression", refused="", **given):
         f"echo '{body}'\nexit {code}\n"
     )
     command.chmod(0o755)
-    names = re.findall(r"^        ([A-Z]+): \$\{\{ inputs\.", ACTION.read_text(), re.MULTILINE)
-    variables = dict.fromkeys([*names, "BASE"], "") | {
-        key.upper(): value for key, value in given.items()
-    }
+    variables = dict.fromkeys(GATE["env"], "") | {key.upper(): text for key, text in given.items()}
     done = subprocess.run(
-        ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", script()],
+        ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", GATE["run"]],
         cwd=tmp_path,
         env={
             **variables,
@@ -160,12 +153,8 @@ def refusal(tmp_path, **given):
 
 
 def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something():
-    text = WORKFLOW.read_text()
-    given = text.split("@main\n        with:\n")[1].split("      - uses")[0]
-    used = re.findall(r"^          (\w+):", given, re.MULTILINE)
+    steps = yaml.safe_load(WORKFLOW.read_text())["jobs"]["gate"]["steps"]
+    (used,) = (step["with"] for step in steps if "actions/regress" in step["uses"])
     inputs = yaml.safe_load(ACTION.read_text())["inputs"]
-    assert used
-    assert {*used} <= {*inputs}
-    assert {name for name, told in inputs.items() if told.get("required")} <= {*used}
-    (tolerance,) = re.findall(r'^          tolerance: "(.*)"$', given, re.MULTILINE)
-    GateSettings(tolerance=Tolerance.parse(tolerance))
+    assert {name for name, told in inputs.items() if told.get("required")} <= {*used} <= {*inputs}
+    GateSettings(tolerance=Tolerance.parse(used["tolerance"]))

@@ -69,17 +69,6 @@ def test_the_world_differs_and_is_the_same_again(perturbation):
     assert play(perturbation) == play(perturbation) != play(UNPERTURBED)
 
 
-def test_a_run_says_its_conditions_and_can_be_verified(tmp_path):
-    options = {"suite": "smoke", "tasks": "pushing,opening", "episodes": 1}
-    altered = {"without": ["touch"], "perturb": ["mass=0.5:2"], "output": tmp_path / "run"}
-    run = evaluate("random", **options, **altered)
-    assert run.header.unofficial_because[-2:] == ("without touch", "mass 0.5 to 2 times")
-    verify(tmp_path / "run", workers="1")
-    other = evaluate("random", **options)
-    assert [row.seed for row in run.rows] == [row.seed for row in other.rows]
-    assert run.digest != other.digest
-
-
 @pytest.mark.usefixtures("importable")
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
     conditions = {"without": "forces", "perturb": "noise=20,mass=0.5:2,camera=9"}

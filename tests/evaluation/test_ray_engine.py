@@ -2,9 +2,7 @@
 
 import contextlib
 import os
-import signal
 import sys
-import threading
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,8 +29,6 @@ from minitouch_bench.runs.plan import make_plan
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import engine_at
 from tests.evaluation.runs import digests, request, run
-from tests.evaluation.test_evaluation import begin
-from tests.process_tree import command_line
 
 HERE = Path(__file__).parent
 
@@ -81,18 +77,6 @@ def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tm
     assert actions[0] == actions[1]
 
 
-@pytest.mark.slow
-def test_a_run_begun_here_goes_on_there_and_ends_here(finished, cluster, tmp_path):
-    done, directory = finished
-    begin(directory, tmp_path, 3)
-    wanted = request()
-    with engine_at(cluster, 1) as engine:
-        again = run(wanted, tmp_path, engine=engine, resume=True)
-    assert digests(again) == digests(done)
-    begin(tmp_path, tmp_path, 5)
-    assert digests(run(wanted, tmp_path, resume=True)) == digests(done)
-
-
 def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path):
     contents = {"mine/pushing.pt": b"one", "mine/opening.onnx": b"two", "early.zip": b"three"}
     for name, content in contents.items():
@@ -119,32 +103,6 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
         file.write_bytes(content)
     with pytest.raises(CheckpointChangedError):
         pack(setup)
-
-
-@pytest.mark.slow
-def test_what_a_dead_worker_did_is_done_again_and_its_policy_dies_with_it(cluster, tmp_path):
-    wanted = request("zero", ("opening",), 3)
-    here = run(wanted, tmp_path)
-    specs = header_of(wanted).specs()
-    found, hosts = {}, set()
-    with engine_at(cluster, 1) as engine:
-        for record in engine.run(wanted, specs):
-            if not found:
-                threading.Timer(0.3, kill_workers, (hosts,)).start()
-            found[record.spec.key] = (record.spec.key, record.outcome, record.trace.digest())
-    assert [found[spec.key] for spec in specs] == digests(here)
-    assert hosts
-    assert not any(map(command_line, hosts))
-
-
-def kill_workers(hosts):
-    """Kill every worker on this machine that holds a policy, and collect the policies' hosts."""
-    every = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()}
-    for host in {pid for pid in every if b"policies.forkserver" in command_line(pid)}:
-        worker = int(Path(f"/proc/{host}/stat").read_text().rpartition(")")[2].split()[1])
-        if command_line(worker).startswith(b"ray::"):
-            hosts.add(host)
-            os.kill(worker, signal.SIGKILL)
 
 
 @pytest.mark.slow

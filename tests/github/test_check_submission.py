@@ -4,9 +4,10 @@ import json
 import shutil
 import sys
 
+import check_submission
+import post_report
 import pytest
 
-from tests.github.scripts import load
 from tests.process_tree import git
 
 VALIDATE = """
@@ -42,14 +43,13 @@ def commit(clone, **files):
 @pytest.fixture
 def script(tmp_path, monkeypatch):
     """The script, whose own clone is small and whose command is a stand-in."""
-    module = load("check_submission")
     (tmp_path / "own" / "submissions" / "_proofs").mkdir(parents=True)
     (tmp_path / "own" / "submissions" / "_proofs" / "mine.json").write_text('{"old": true}')
-    monkeypatch.setattr(module, "ROOT", tmp_path / "own")
-    monkeypatch.setattr(module, "COMMAND", (sys.executable, "-c", VALIDATE))
+    monkeypatch.setattr(check_submission, "ROOT", tmp_path / "own")
+    monkeypatch.setattr(check_submission, "COMMAND", (sys.executable, "-c", VALIDATE))
     for name in ("GITHUB_STEP_SUMMARY", "GITHUB_OUTPUT"):
         monkeypatch.setenv(name, str(tmp_path / name))
-    return module
+    return check_submission
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_the_end_of_a_long_output_is_kept_within_what_is_posted(script, tmp_path
     script.report("é" * 30_000 + "the end", {}, "0", tmp_path)
     kept = (tmp_path / "output.txt").read_bytes()
     assert kept.endswith(b"the end")
-    assert len(kept) <= load("post_report").MAX_TEXT
+    assert len(kept) <= post_report.MAX_TEXT
 
 
 def test_a_change_that_removes_another_submission_is_not_checked(script, clone):

@@ -3,9 +3,8 @@
 import json
 import sys
 
+import post_report
 import pytest
-
-from tests.github.scripts import load
 
 HEAD = "a" * 40
 GH = """import json, os, pathlib, sys
@@ -45,7 +44,7 @@ def github(tmp_path, monkeypatch):
         }
         (tmp_path / "answers").write_text(json.dumps(answers))
         (tmp_path / "calls").unlink(missing_ok=True)
-        assert load("post_report").main() == 0
+        assert post_report.main() == 0
         lines = (tmp_path / "calls").read_text().splitlines()
         place, options, given = json.loads(lines[-1])
         return place, options, json.loads(given)["body"] if given else ""
@@ -80,7 +79,7 @@ def test_a_change_of_an_existing_submission_is_named(github, tmp_path):
 
 def test_a_second_report_replaces_the_first_and_no_other_comment(github, tmp_path):
     leave(tmp_path, "refused")
-    mark = load("post_report").MARK
+    mark = post_report.MARK
     others = [
         {"id": 1, "user": {"login": "stranger"}, "body": mark},
         {"id": 2, "user": {"login": "github-actions[bot]"}, "body": "something else"},

@@ -24,7 +24,6 @@ PAGE = ROOT / "docs" / "how-to" / "other-libraries.md"
 SUITE = "minitouch"
 OF_LEROBOT = {"lerobot_new_rollout": True}
 """The option with which LeRobot begins each rollout."""
-COMMIT = "0" * 39 + "1"
 INSTALL = "pip install 'lerobot[evaluation,dataset]>=0.6'"
 
 
@@ -123,22 +122,6 @@ def test_tasks_are_selected_by_name_and_keep_their_ids(hub):
     assert list(vectors) == [1, 3]
     assert vectors[1].single_action_space.shape == (4,)
     for vector in vectors.values():
-        vector.close()
-
-
-def test_lerobot_loads_it_from_the_hub(tmp_path):
-    factory = pytest.importorskip("lerobot.envs.factory", reason=INSTALL)
-    snapshot = tmp_path / "models--someone--minitouch-env" / "snapshots" / COMMIT
-    shutil.copytree(FOLDER, snapshot)  # as huggingface_hub caches a commit
-    address = f"someone/minitouch-env@{COMMIT}"
-    envs = factory.make_env(address, n_envs=2, hub_cache_dir=str(tmp_path), trust_remote_code=True)
-    observation, _ = envs[SUITE][1].reset(seed=[0, 1], options=OF_LEROBOT)
-    seen = importlib.import_module("lerobot.envs.utils").preprocess_observation(observation)
-    assert {key: tuple(tensor.shape) for key, tensor in seen.items()} == {
-        "observation.image": (2, 3, 84, 84),
-        "observation.state": (2, 11),
-    }
-    for vector in envs[SUITE].values():
         vector.close()
 
 

@@ -32,9 +32,3 @@ def subset(folder: Path, count: int) -> Path:
 def small_set(tmp_path: Path) -> Path:
     """Return the folder of a set of sixteen shapes."""
     return subset(tmp_path / "set", 16)
-
-
-@pytest.fixture
-def tiny_set(tmp_path: Path) -> Path:
-    """Return the folder of a set of two shapes, for what is slow."""
-    return subset(tmp_path / "tiny", 2)

@@ -38,11 +38,6 @@ def test_a_plain_block_is_sound() -> None:
     assert measures["poses"][0].height == pytest.approx(0.041, abs=5e-4)
 
 
-def test_the_same_body_measures_the_same_bits() -> None:
-    body = box_body(*BLOCK)
-    assert examine(body) == examine(body)
-
-
 def test_a_mesh_is_finite_closed_and_one_body() -> None:
     mesh = box(*BLOCK)
     vertices = mesh.vertices.copy()

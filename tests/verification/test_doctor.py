@@ -2,6 +2,7 @@ import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL, TASK_NAMES
+from minitouch_bench.verification import doctor
 from minitouch_bench.verification.doctor import golden_bits, recorded, trial_episodes
 
 
@@ -34,3 +35,11 @@ def test_the_golden_episode_is_as_recorded(task):
 )
 def test_a_held_out_shape_moves_as_recorded(task, bits):
     assert golden_bits(task, "held-out") == bits, "simulation changed: raise the task's revision"
+
+
+def test_other_bits_are_found(monkeypatch):
+    monkeypatch.setattr(doctor, "golden_bits", lambda task: "0" * 64)
+    monkeypatch.setattr(doctor.LocalEngine, "run", lambda *_: iter(()))
+    found = {check.name: check.verdict for check in doctor.examine(1)}
+    assert found["reference bits"] is doctor.CheckResult.NOTE
+    assert found["order and workers"] is doctor.CheckResult.FAIL

@@ -31,11 +31,14 @@
       choose(tabs[(moves[event.key] + tabs.length) % tabs.length], true);
     });
   }
-  addEventListener("hashchange", () => recall());
+  addEventListener("hashchange", () => {
+    const [key] = location.hash.slice(1).split("?");
+    if (!key || views.some((view) => view.dataset.view === key)) recall(); // not for #main or #submit
+  });
 
   // Sorting: the ranked rows of one table; rows without a figure come last either way.
   const keyOf = (row, column) => {
-    const text = row.cells[column].dataset.key;
+    const text = row.cells[column]?.dataset.key;
     return text === undefined || text === "" ? null : text;
   };
   const compare = (one, other, numeric) => {
@@ -46,7 +49,7 @@
     const column = head.cellIndex;
     const body = table.querySelector("tbody.ranked");
     const numeric = head.dataset.type !== "text";
-    const first = head.dataset.first || "descending";
+    const first = head.dataset.first;
     const other = first === "ascending" ? "descending" : "ascending";
     const order = head.getAttribute("aria-sort") === first ? other : first;
     const sign = order === "ascending" ? 1 : -1;

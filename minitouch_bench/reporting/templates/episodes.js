@@ -48,8 +48,9 @@
     return decodeURIComponent(new URL(`${address}/`, location.href).pathname).replace(/\/$/, "");
   };
   const pick = (row, key) => {
-    for (const other of body.querySelectorAll("[aria-selected]")) other.removeAttribute("aria-selected");
-    row.setAttribute("aria-selected", "true");
+    for (const other of body.querySelectorAll("[aria-current]")) other.removeAttribute("aria-current");
+    row.setAttribute("aria-current", "true");
+    copy.disabled = false;
     command.textContent = `minitouch-bench replay ${quoted(path())} ${key}`;
   };
   const draw = () => {

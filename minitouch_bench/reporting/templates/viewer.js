@@ -169,6 +169,7 @@
     }
     cursor.style.transform = `translateX(${x(moment)}px)`;
     now.textContent = `${step ? `step ${step} of ${steps}` : "reset"}, ${times[step].toFixed(2)} s`;
+    seek.setAttribute("aria-valuetext", now.textContent);
     if (Number(seek.value) !== step) seek.value = step;
   };
   const stop = () => {
@@ -209,7 +210,7 @@
     const by = event.shiftKey ? 10 : 1;
     const to = { ArrowLeft: stepAt(moment) - by, ArrowRight: stepAt(moment) + by, Home: 0, End: steps }[event.key];
     if (to !== undefined) goTo(to);
-    else if (event.key === " " && event.target !== play) toggle();
+    else if (event.key === " " && !event.target.closest("button")) toggle();
     else return;
     event.preventDefault();
   });

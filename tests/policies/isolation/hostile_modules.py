@@ -7,33 +7,21 @@ import torch
 from torch import Tensor, nn
 
 
-class Hostile(nn.Module):
-    def __init__(self, path: str) -> None:
-        super().__init__()
-        self.path = path
-
-
-class WritesInAct(Hostile):
-    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-        torch.save(touch, self.path)
-        return touch[:, :4]
-
-
-class Loops(Hostile):
+class Loops(nn.Module):
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         while bool(touch.isfinite().all()):
             touch = touch * 0
         return touch[:, :4]
 
 
-class Floods(Hostile):
+class Floods(nn.Module):
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         for _ in range(1_000_000_000):
             print("x", touch)
         return touch[:, :4]
 
 
-class Mutates(Hostile):
+class Mutates(nn.Module):
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         seen = touch[:, :4].clone()
         image.zero_()

@@ -1,6 +1,5 @@
 """Code that wants out: a Python factory and TorchScript modules, in real children."""
 
-import contextlib
 import errno
 import resource
 import shutil
@@ -13,7 +12,6 @@ import pytest
 from minitouch_bench.errors import (
     PolicyExitError,
     PolicyLoadError,
-    PolicyRaisedError,
     PolicyTimeoutError,
 )
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
@@ -119,23 +117,16 @@ def begin(policy, module, directory, monkeypatch, limits=LIMITS):
     policy.reset(0, "pushing")
 
 
-def test_a_module_that_writes_in_act_writes_nothing(scripts, tmp_path, monkeypatch):
-    begin(scripts, hostile_modules.WritesInAct(str(tmp_path / "canary")), tmp_path, monkeypatch)
-    with contextlib.suppress(PolicyRaisedError):  # torch.save does not look whether it was written
-        scripts.act(zero_observation())
-    assert not (tmp_path / "canary").exists()
-
-
 @pytest.mark.parametrize("module", [hostile_modules.Loops, hostile_modules.Floods])
 def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, module):
-    begin(scripts, module(""), tmp_path, monkeypatch, PolicyLimits())
+    begin(scripts, module(), tmp_path, monkeypatch, PolicyLimits())
     monkeypatch.setattr(scripts, "_limits", IMPATIENT)
     with pytest.raises(PolicyTimeoutError, match=r"no action within 0\.5 s"):
         scripts.act(zero_observation())
 
 
 def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
-    begin(scripts, hostile_modules.Loops(""), tmp_path, monkeypatch)
+    begin(scripts, hostile_modules.Loops(), tmp_path, monkeypatch)
     family = descendants(scripts._host.process.pid)
     (child,) = [pid for pid in family if not descendants(pid)]  # its reaper has one
     assert resource.prlimit(child, resource.RLIMIT_CPU)[0] == LIMITS.cpu_s
@@ -147,7 +138,7 @@ def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
 def test_a_module_that_mutates_its_observation_changes_its_copy(
     scripts, tmp_path, monkeypatch, observation
 ):
-    begin(scripts, hostile_modules.Mutates(""), tmp_path, monkeypatch)
+    begin(scripts, hostile_modules.Mutates(), tmp_path, monkeypatch)
     before = {name: value.copy() for name, value in observation.items()}
     for _ in range(2):
         assert np.array_equal(scripts.act(observation), before["touch"][:4])
@@ -157,7 +148,7 @@ def test_a_module_that_mutates_its_observation_changes_its_copy(
 @pytest.mark.parametrize("suffix", ["pt2", "pt", "zip"])
 def test_files_that_run_code_need_trust_out_of_the_sandbox(tmp_path, suffix):
     path = tmp_path / f"policy.{suffix}"
-    path.write_bytes(hostile_modules.saved(hostile_modules.Loops("")))
+    path.write_bytes(hostile_modules.saved(hostile_modules.Loops()))
     for level in (Isolation.PROCESS, Isolation.NONE):
         policy = isolate(parse_source(str(path)), IsolationOptions(level, limits=LIMITS))
         with pytest.raises(PolicyLoadError, match="add --trust"):
