@@ -249,7 +249,7 @@ def episodes_needed(
 ) -> int | None:
     """Return about how many episodes settle a difference in four of five cases, if it is as seen.
 
-    ``tolerance``: see ``Share.episodes_needed``; None where any difference is to be shown.
+    ``tolerance``: see ``Statistic``; None where any difference is to be shown.
     None is returned for no difference or too many episodes.
     """
     worse = values.differences * WORSE_SIGNS.get(values.direction, 1.0)

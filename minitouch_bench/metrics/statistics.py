@@ -37,10 +37,7 @@ class PairedResult(NamedTuple):
 
 
 class Share:
-    """The share of the episodes whose value is 1; the others have 0.
-
-    ``interval`` and ``paired`` say in words how it is estimated and how two policies are compared.
-    """
+    """The share of the episodes whose value is 1; the others have 0."""
 
     interval = "Wilson for shares"
     paired = "Tango's score interval and the exact McNemar test for shares of episodes"
@@ -121,9 +118,16 @@ class Mean:
 
 
 Statistic = Share | Mean
-"""A number that describes the values of many episodes.
+"""A number that describes the values of many episodes, and what a table needs of it.
 
 Over tasks with equally many episodes, the mean of its values is its value of all episodes.
+``interval`` and ``paired`` say in words how it is estimated and how two policies are compared.
+``difference``: the first less the second, of episodes that are not the same ones. ``paired_test``:
+the second less the first, float64 (N,) each of the same N episodes. ``episodes_needed``: about how
+many episodes settle a difference in four of five cases, as observed, infinity where no number does;
+``worse``: how much worse each paired episode is, float64 (N,); ``level``: two-sided, of the test of
+a difference; ``tolerance``: a worsening by more is to be shown, one by less to be excluded by the
+95 % interval.
 """
 
 SHARE, MEAN = Share(), Mean()
