@@ -48,7 +48,9 @@ def validate(
 
     opening = open_engine("local", workers)
     results = []
-    for place in [one for one in directories if one.name != PROOFS]:  # of submissions/*
+    for place in [
+        one for one in directories if one.name != PROOFS
+    ]:  # which submissions/* names, too
         found = validation.validate(place)
         if found.passed:
             found = validation.fetch_references(found)

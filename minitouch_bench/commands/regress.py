@@ -190,4 +190,4 @@ def _refuse_contradictions(
     if policy is not None and len(baselines) > 1:
         raise UsageError("POLICY is one training: evaluate several, and give them by --candidate")
     if candidates and is_played:
-        raise UsageError("--output, --resume, --fresh and how a policy is run are for a POLICY")
+        raise UsageError("--output, --resume, --fresh and options of playing need a POLICY")

@@ -280,7 +280,7 @@ def endpoint_values(pairs: Pairs, tasks: Sequence[str], settings: GateSettings) 
     if not len(values.first):
         why = f"in {', '.join(tasks)} {name} cannot get worse"
         if deciding and metric.role is Role.EXPLORATION:
-            why = "exploration episodes are missing: POLICY plays none, of runs both need them"
+            why = "exploration episodes are missing: POLICY plays none, so give two runs with them"
         raise UsageError(f"nothing to judge: {why}")
     return values
 

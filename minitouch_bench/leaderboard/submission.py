@@ -323,7 +323,7 @@ def check_files(
     known = {problem.place for problem in problems}
     for path in [path for path in limits if path not in sizes]:
         remedy = 'add it, or set its path to ""' if path in checkpoints else "pack the run again"
-        if known.isdisjoint((path, *map(str, PurePosixPath(path).parents))):  # no link on the way
+        if known.isdisjoint((path, *map(str, PurePosixPath(path).parents))):  # no link above it
             problems.add(path, "it is missing", remedy)
     digests: dict[str, str] = {}
     for path, size in sizes.items():

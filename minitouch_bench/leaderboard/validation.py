@@ -123,7 +123,7 @@ def validate(directory: Path, *, trust_proofs: bool = False) -> SubmissionFindin
     elif {"", SUBMISSION_FILE}.isdisjoint(problem.place for problem in problems):
         remedy = "make one with minitouch-bench submit"
         problems.add(SUBMISSION_FILE, "it is missing: this is not a submission", remedy)
-    if submission is None or not submission.seeds:  # as a problem says already
+    if submission is None or not submission.seeds:  # for which there is a problem
         return SubmissionFindings(tuple(problems), directory=directory)
     videos = check_files(directory, submission, sizes, problems)
     runs: dict[str, Run] = {}
