@@ -1,6 +1,5 @@
 """Episodes that somebody recorded: a robot, a policy, a person (Minari's dataset format)."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,6 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
     """
     minari = require("minari", "data")
     with damage_as(UsageError, f"{path} is not a Minari dataset of this task"):
-        for file in path.glob("**/*.hdf5"):
-            _check_file(file, (replay.capacity + 1) * math.prod(IMAGE_SHAPE))
         for episode in minari.MinariDataset(path).iterate_episodes():
             _add_episode(replay, episode, action_size)
     if not replay.rows:
@@ -37,31 +34,6 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
             f"{path} contains {replay.rows:,} observations, the memory {replay.capacity:,}: set a "
             "larger replay_size"
         )
-
-
-def _check_file(file: Path, most_bytes: int) -> None:
-    """Refuse an HDF5 file whose content lies in other files, or has more than ``most_bytes``.
-
-    A training would keep what it reads from the user's other files.
-
-    Raises:
-        ValueError: a part of the file is so.
-    """
-    h5py = require("h5py", "data")
-    parts: list[tuple[str, Any]] = []
-    with h5py.File(file) as data:
-        data.visititems_links(lambda name, link: parts.append((name, link)))
-        for name, link in parts:
-            if not isinstance(link, h5py.HardLink):
-                raise ValueError(f"{name} is a link to another place")
-            part = data[name]
-            if not isinstance(part, h5py.Dataset):
-                continue
-            if part.external or part.is_virtual:
-                raise ValueError(f"{name} lies in another file")
-            if part.nbytes > most_bytes:
-                text = f"{name} has {part.nbytes:,} bytes, more than the memory"
-                raise ValueError(f"{text}: set a larger replay_size")
 
 
 def _add_episode(replay: Replay, episode: Any, action_size: int) -> None:

@@ -149,42 +149,6 @@ def test_a_spoiled_dataset_is_refused_in_one_line(tmp_path, name):
     assert len(str(refused.value).splitlines()) == 1
 
 
-def outside(episode):
-    del episode["observations/image"]
-    shape = (8, 1, 84, 84)
-    outer = [(__file__, 0, h5py.h5f.UNLIMITED)]
-    episode["observations"].create_dataset("image", shape, np.uint8, external=outer)
-
-
-def virtual(episode):
-    layout = h5py.VirtualLayout((8, 1, 84, 84), np.uint8)
-    layout[:] = h5py.VirtualSource("other.hdf5", "image", (8, 1, 84, 84))
-    del episode["observations/image"]
-    episode["observations"].create_virtual_dataset("image", layout)
-
-
-def endless(episode):
-    del episode["observations/image"]
-    shape = (10**7, 1, 84, 84)
-    episode["observations"].create_dataset("image", shape, np.uint8, chunks=(1, 1, 84, 84))
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (outside, "lies in another file"),
-        (virtual, "lies in another file"),
-        (put("rewards", h5py.ExternalLink("other.hdf5", "rewards")), "a link to another place"),
-        (put("rewards", h5py.SoftLink("/episode_0/rewards")), "a link to another place"),
-        (endless, "70,560,000,000 bytes, more than the memory"),
-    ],
-)
-def test_a_dataset_has_its_own_content_and_no_more_than_the_memory(tmp_path, change, words):
-    path = spoiled(tmp_path / "log", change)
-    with pytest.raises(UsageError, match=words):
-        fill_from_dataset(Replay(100, 11, 4), path, 4)
-
-
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense", '{"total_episodes": "many"}'])
 def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     write_log(tmp_path / "log")

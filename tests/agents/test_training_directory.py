@@ -3,7 +3,6 @@
 import math
 import pickle
 import shutil
-import zipfile
 from dataclasses import replace
 
 import pytest
@@ -21,7 +20,6 @@ from minitouch_bench.errors import (
 )
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
-from tests.archives import members, zipped
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +248,6 @@ def flipped(content):
         ("checkpoint.pt", lambda _: b""),
         ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
         ("checkpoint.pt", lambda content: content[: len(content) // 2]),
-        ("checkpoint.pt", lambda content: zipped(members(content), zipfile.ZIP_DEFLATED)),
         ("checkpoint.pt", flipped),
         ("replay.bin", lambda content: content[:-10]),
         ("replay.bin", flipped),
