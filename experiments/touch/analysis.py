@@ -4,6 +4,7 @@ Every value is the mean of one training seed's official episodes. The same rows 
 ``python -m experiments.touch.analysis``.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -56,11 +57,10 @@ COLUMNS = [
     "p_reversed", "verdict", "p_whole_seeds", "p_whole_seeds_reversed",
 ]  # fmt: skip
 CONFIRMED, CONTRADICTED = "confirmed", "contradicted"
-UNDECIDED, OPEN = "not decided", "not decided yet"
-UNTESTED, WAITING = "not tested", "waits for trainings"
+UNDECIDED, UNTESTED = "not decided", "not tested"
 
 VARIANTS = (
-    "Five variants differ in where the finger forces are used:",
+    "Five variants, each with eight training seeds, differ in where the finger forces are used:",
     *table_lines(
         ["Variant", "Rewarded while exploring", "The policy feels the forces"],
         [
@@ -81,11 +81,9 @@ NOTES = (
     "HaC is paid for.",
     "Difference: of the means over the tasks, with a 95 % interval over training seeds, as in the "
     "touch number below; not corrected. No verdict uses it.",
-    "p: adjusted by Holm's method over all claims; one that waits for trainings counts as 1. So p "
-    "can only fall when more variants are finished: a decided claim stays decided, and one that is "
-    f"*{OPEN}* can become so. A single task is tested only inside a decided claim, in its "
-    "direction, with Holm's method over the claim's tasks: the chance of a false result is at most "
-    "5 % in a claim, but not over all single tasks.",
+    "p: adjusted by Holm's method over all claims. A single task is tested only inside a decided "
+    "claim, in its direction, with Holm's method over the claim's tasks: the chance of a false "
+    "result is at most 5 % in a claim, but not over all single tasks.",
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction; "
     "then p of the claim and of its tasks is that of the reverse. The chance of one or more false "
     "confirmations is at most 5 %, and so is that of false contradictions (of either: 10 %), if "
@@ -114,9 +112,9 @@ NOTES = (
     "felt* and the sentence that can be quoted; what finished policies rely on; p of whole "
     "seeds; *not tested* in place of *not decided* for the tasks of an undecided claim. Later, "
     "while 23 of 24 trainings of `hac-no-forces` and none of the other three variants were "
-    f"finished: the column *Difference*, *{OPEN}*, *not confirmed*, *opposite sign*, success "
-    "without a change beside what policies rely on, the names of the touch number's columns, and "
-    "words of these notes. No test was changed.",
+    "finished: the column *Difference*, *not confirmed*, *opposite sign*, success without a change "
+    "beside what policies rely on, the names of the touch number's columns, and words of these "
+    "notes. After the last training: the curiosities in the first paragraph. No test was changed.",
 )
 
 NUMBER_NOTE = (
@@ -143,11 +141,11 @@ RELIANCE_NOTE = (
     f"{OVER_SEEDS}; with one seed over its episodes."
 )
 
-FELT = "HaC, forces felt"
+FELT, CURIOSITY = "HaC, forces felt", "of it, curiosity"
 PARTS: Mapping[str, Mapping[str, float]] = {
     FELT: {"hac": 1.0, "hac-no-forces": -1.0},
     "curiosity and forces": {"hac": 1.0, "rnd-no-forces": -1.0},
-    "of it, curiosity": {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
+    CURIOSITY: {"hac": 0.5, "rnd": -0.5, "hac-no-forces": 0.5, "rnd-no-forces": -0.5},
     "of it, forces felt": {"hac": 0.5, "hac-no-forces": -0.5, "rnd": 0.5, "rnd-no-forces": -0.5},
 }
 """Differences of arms, the weight of each: what felt forces are worth in HaC; then HaC's curiosity
@@ -193,59 +191,46 @@ def judge_pooled(claims: Sequence[Mapping[str, Any]], values: Values) -> pd.Data
 
     Args:
         claims: Those of the design: better, worse, and ``measure``, the metric of each task.
-        values: Those of the finished arms.
+        values: Those of all arms.
 
     Returns:
         A row of COLUMNS per pooled claim, and below it one per task ("" where pooled): the means
         of both arms over tasks and seeds, their difference with its 95 % interval, the detectable
         difference, the adjusted p-values of the claim and of its reverse, NaN for the tasks of an
         undecided claim, the verdict, and both p-values with whole seeds, of the pooled claim alone.
-        A claim about an arm that is not finished has one row, without numbers.
     """
-    arms = {arm for arm, _, _ in values}
-    sides = {
-        number: [
+    sides = [
+        [
             [values[claim[side], task, metric] for task, metric in claim["measure"].items()]
             for side in ("better", "worse")
         ]
-        for number, claim in enumerate(claims)
-        if {claim["better"], claim["worse"]} <= arms
-    }
-    of_tasks = [*sides.values()]
-    whole = [[[np.sum(side, axis=0)] for side in pooled] for pooled in of_tasks]
-    adjusted = dict(zip(sides, _adjusted(of_tasks, len(claims)), strict=True))
-    beside = dict(zip(sides, _adjusted(whole, len(claims)), strict=True))
+        for claim in claims
+    ]
+    whole = [[[np.sum(side, axis=0)] for side in pooled] for pooled in sides]
     rows: list[list[Any]] = []
-    for number, claim in enumerate(claims):
-        if number not in sides:
-            rows.append([number + 1, "", *[np.nan] * 8, WAITING, np.nan, np.nan])
-            continue
-        pooled, p_values = sides[number], adjusted[number]
+    for number, (claim, pooled, p_values, beside) in enumerate(
+        zip(claims, sides, _adjusted(sides), _adjusted(whole), strict=True), 1
+    ):
         verdict = _verdict(p_values)
-        shown = OPEN if verdict == UNDECIDED and len(sides) < len(claims) else verdict
         numbers = _numbers(pooled, len(claims), verdict)
-        rows.append([number + 1, "", *numbers, *p_values, shown, *beside[number]])
+        rows.append([number, "", *numbers, *p_values, verdict, *beside])
         singles = [[[one], [other]] for one, other in zip(*pooled, strict=True)]
         for task, single, p_single in zip(
-            claim["measure"], singles, _adjusted(singles, len(singles)), strict=True
+            claim["measure"], singles, _adjusted(singles), strict=True
         ):
             numbers = _numbers(single, len(singles), verdict)
             tested, shown = p_single, _verdict_inside(verdict, p_single, single)
             if verdict == UNDECIDED:
                 tested, shown = (np.nan, np.nan), UNTESTED
-            rows.append([number + 1, task, *numbers, *tested, shown, np.nan, np.nan])
+            rows.append([number, task, *numbers, *tested, shown, np.nan, np.nan])
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _adjusted(sides: Sequence[Sides], family: int) -> list[tuple[float, float]]:
-    """Return the p-values of comparisons, and of their reverses, each corrected as one family.
-
-    The family's comparisons that are not made yet count as if their p-values were 1.
-    """
-    later = [1.0] * (family - len(sides))
-    forward = holm([*(stratified_p(better, worse) for better, worse in sides), *later])
-    backward = holm([*(stratified_p(worse, better) for better, worse in sides), *later])
-    return [*zip(forward, backward, strict=True)][: len(sides)]
+def _adjusted(sides: Sequence[Sides]) -> list[tuple[float, float]]:
+    """Return the p-values of comparisons, and of their reverses, each corrected as one family."""
+    forward = holm([stratified_p(better, worse) for better, worse in sides])
+    backward = holm([stratified_p(worse, better) for better, worse in sides])
+    return [*zip(forward, backward, strict=True)]
 
 
 def _verdict(p_values: tuple[float, float]) -> str:
@@ -306,7 +291,7 @@ def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
 
     Args:
         measures: The metric of each task.
-        values: Those of the finished arms; what needs another arm is left out.
+        values: Those of all arms.
 
     Returns:
         A row per task and part of PARTS: task, metric, part, difference, low, high. 95 % intervals
@@ -315,9 +300,8 @@ def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
     """
     rows = []
     for (task, metric), (part, weights) in product(measures.items(), PARTS.items()):
-        if all((arm, task, metric) in values for arm in weights):
-            seeds = [(weight, values[arm, task, metric]) for arm, weight in weights.items()]
-            rows.append((task, metric, part, *_interval(seeds)))
+        seeds = [(weight, values[arm, task, metric]) for arm, weight in weights.items()]
+        rows.append((task, metric, part, *_interval(seeds)))
     return pd.DataFrame(rows, columns=["task", "metric", "part", "difference", "low", "high"])
 
 
@@ -333,16 +317,17 @@ def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, floa
 
 
 def values_of(design: Mapping[str, Any], directory: Path) -> Values:
-    """Read the seeds' values of the official episodes of the arms that have all their trainings.
+    """Read the seeds' values of the official episodes, in the order of the training seeds.
 
-    They are in the order of the training seeds, and of the cells of the design alone.
+    Raises:
+        SystemExit: the rows of a training of the design are missing.
     """
     cells = {*cells_of(design)}
-    unfinished = {cell.method for cell in cells - finished_cells(directory)}
+    if missing := cells - finished_cells(directory):
+        sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
     rows = read_rows(directory, "estimates").sort_values("training_seed", kind="stable")
     main = rows[(rows["suite"] == "table4") & (rows["conditions"] == "")]
     main = main[[Cell(*key) in cells for key in main[KEY].itertuples(index=False)]]
-    main = main[~main["method"].isin(unfinished)]
     return {
         key: group["value"].to_numpy(float)
         for key, group in main.groupby(["method", "task", "metric"], sort=False)
@@ -363,38 +348,37 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
     values = values_of(design, directory)
     judged = judge_pooled(design["pooled"], values).round(12)
     numbers = touch_numbers(design["touch_number"], values).round(12)
-    cells, seeds = {*cells_of(design)}, len(design["seeds"])
-    state = f"{len(cells & finished_cells(directory))} of {len(cells)} trainings are finished"
-    arms = ", ".join(f"`{arm}`" for arm in dict.fromkeys(arm for arm, _, _ in values)) or "none"
-    lines = ["# What is touch for?", "", f"{state}. Variants with all {seeds} seeds: {arms}.", ""]
-    if FELT in {*numbers["part"]}:
-        lines += [answer(design, judged, numbers), ""]
-    lines += [*VARIANTS, "", *_claim_lines(design, judged), *_number_lines(design, numbers), ""]
+    lines = ["# What is touch for?", "", answer(design, judged, numbers), "", *VARIANTS, ""]
+    lines += [*_claim_lines(design, judged), *_number_lines(design, numbers), ""]
     lines += _reliance_lines(design, read_rows(directory, "episodes"))
     return TouchResults("\n".join(lines) + "\n", judged, numbers)
 
 
 def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFrame) -> str:
-    """Return what felt forces are worth as a sentence that can be quoted, with its verdict."""
+    """Return what felt forces and the curiosity are worth, to be quoted, with the verdict."""
     (number,) = (
         place + 1
         for place, claim in enumerate(design["pooled"])
         if {claim["better"]: 1.0, claim["worse"]: -1.0} == PARTS[FELT]
     )
     rows = judged[judged["claim"] == number].set_index("task")
-    felt = numbers[numbers["part"] == FELT].set_index("task")
-    tasks = design["pooled"][number - 1]["measure"]
-    worth = ", ".join(f"{_interval_text(felt.loc[task])} in {task_title(task)}" for task in tasks)
+    tasks, of_part = design["pooled"][number - 1]["measure"], numbers.set_index(["part", "task"])
+    felt, curiosity = (
+        ", ".join(f"{_interval_text(of_part.loc[part, one])} in {task_title(one)}" for one in tasks)
+        for part in (FELT, CURIOSITY)
+    )
     alone = ", ".join(f"{task_title(task)}: {rows.loc[task, 'verdict']}" for task in tasks)
     pooled = rows.loc[""]
     p = pooled["p_reversed"] if pooled["verdict"] == CONTRADICTED else pooled["p"]
     return (
         "**HaC's policies that feel the finger forces, less those that do not: success "
-        f"{worth}** (means of {len(design['seeds'])} training seeds each; 95 % intervals, not "
+        f"{felt}** (means of {len(design['seeds'])} training seeds each; 95 % intervals, not "
         "corrected for their number, too narrow where few seeds fail; the forces are felt or not "
         "in both phases, HaC's curiosity has them in both variants). That forces which are felt "
         "help, in the sum of these tasks, "
-        f"is {pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}."
+        f"is {pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}. HaC's curiosity in place of "
+        f"RND's: {curiosity} (means of the comparisons with and without felt forces); the two "
+        "differ in more than touch."
     )
 
 
@@ -422,7 +406,8 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                 [
                     name,
                     f"{claim['better']} \\> {claim['worse']}",
-                    *([ABSENT] * 2 if row.verdict == WAITING else (means, _interval_text(row))),
+                    means,
+                    _interval_text(row),
                     ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
                     *(ABSENT if np.isnan(one) else _p_text(one) for one in (p, whole)),
                     row.verdict,
@@ -437,14 +422,12 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
 def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]:
     shown = {(row.task, row.part): _interval_text(row) for row in numbers.itertuples()}
     rows = [
-        [task_title(task), METRICS[metric].label, *(shown.get((task, p), ABSENT) for p in PARTS)]
+        [task_title(task), METRICS[metric].label, *(shown[task, part] for part in PARTS)]
         for task, metric in design["touch_number"].items()
     ]
     table = table_lines(["Task", "Metric", *PARTS], rows, 2)
-    lines = ["## The touch number", *table, "", f"- {NUMBER_NOTE}"]
-    if len(numbers):
-        lines += ["", "![Differences between variants, 95 % intervals](figures/touch-number.svg)"]
-    return lines
+    figure = "![Differences between variants, 95 % intervals](figures/touch-number.svg)"
+    return ["## The touch number", *table, "", f"- {NUMBER_NOTE}", "", figure]
 
 
 def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[str]:
@@ -481,7 +464,7 @@ def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[s
 
 def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
     """Draw the differences of PARTS in each task, with their intervals."""
-    parts = [part for part in PARTS if part in {*numbers["part"]}]
+    parts = [*PARTS]
     tasks = [rows for _, rows in numbers.groupby("task", sort=False)]
     with mpl.rc_context(SAME_BYTES):
         figure, every = plt.subplots(
@@ -510,8 +493,7 @@ def main() -> None:
     (directory / "touch.md").write_text(results.page, encoding="utf-8")
     results.judged.to_csv(directory / "pooled.csv", index=False)
     write_results(design, directory)
-    if len(results.numbers):
-        draw_numbers(results.numbers, directory / "figures" / "touch-number.svg")
+    draw_numbers(results.numbers, directory / "figures" / "touch-number.svg")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.grid import check_lock, read_design
+from experiments.grid import KEY, check_lock, read_design
 from experiments.touch.analysis import (
     DESIGN,
     answer,
@@ -14,6 +14,7 @@ from experiments.touch.analysis import (
     judge_pooled,
     stratified_p,
     touch_numbers,
+    values_of,
 )
 from tests.altered import ROOT
 
@@ -94,16 +95,10 @@ def test_whole_seeds_keep_the_level_where_a_seed_is_alike_in_all_tasks():
     assert judged[["p", "p_whole_seeds"]].tolist() == pytest.approx([*found[-1]])
 
 
-def test_a_claim_that_is_judged_before_others_are_trained_keeps_its_verdict():
-    values = known(hac=0.8, rnd=0.4, sac=0.4)
-    early = {key: seeds for key, seeds in values.items() if key[0] != "sac"}
-    first, last = (judge_pooled(CLAIMS, some) for some in (early, values))
-    assert [*first[first["claim"] == 2]["verdict"]] == ["waits for trainings"]
-    alike = {key: np.full(8, 0.5) for key in early}
-    assert judge_pooled(CLAIMS, alike).loc[0, "verdict"] == "not decided yet"
-    decided, later = (one[one["claim"] == 1].reset_index(drop=True) for one in (first, last))
-    assert [*decided["verdict"]] == [*later["verdict"]] == ["confirmed"] * 3
-    assert (decided["p"] >= later["p"]).all()
+def test_a_study_that_lacks_a_training_is_not_judged(tmp_path):
+    pd.DataFrame(columns=KEY).to_csv(tmp_path / "trainings.csv", index=False)
+    with pytest.raises(SystemExit, match="lacks 144 of 144 trainings"):
+        values_of(read_design(DESIGN), tmp_path)
 
 
 def test_the_detectable_difference_is_found_by_the_exact_test():
@@ -144,13 +139,14 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
 def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
     better, worse = "hac", "hac-no-forces"
     measure = {"pushing": "success", "pick-up": "success"}
-    claims = [{"better": "rnd", "worse": "sac", "measure": measure},
+    claims = [{"better": "rnd", "worse": "rnd-no-forces", "measure": measure},
               {"better": better, "worse": worse, "measure": measure}]  # fmt: skip
     values = {
         (arm, task, "success"): mean + np.linspace(-0.07, 0.07, 8)
         for arm, task, mean in (
             (better, "pushing", 0.8), (worse, "pushing", 0.5),
             (better, "pick-up", 0.75), (worse, "pick-up", 0.8),
+            *product(("rnd", "rnd-no-forces"), measure, [0.5]),
         )
     }  # fmt: skip
     judged, numbers = judge_pooled(claims, values), touch_numbers(measure, values)
@@ -158,9 +154,12 @@ def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
     assert "+0.300 [" in said.partition("in Pushing")[0]
     assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
     assert "is confirmed (adjusted p: " in said
-    assert said.endswith("Pushing: confirmed, Pick-up: not confirmed, opposite sign.")
+    verdicts, _, curiosity = said.partition(" HaC's curiosity in place of RND's: ")
+    assert verdicts.endswith("Pushing: confirmed, Pick-up: not confirmed, opposite sign.")
+    assert "+0.150 [" in curiosity.partition("in Pushing")[0]
+    assert "+0.275 [" in curiosity.partition("in Pushing")[2].partition("in Pick-up")[0]
     assert float(said.partition("adjusted p: ")[2][:6]) == pytest.approx(
-        judged["p"].iloc[1], abs=1e-4
+        judged.loc[judged["claim"] == 2, "p"].iloc[0], abs=1e-4
     )
 
 
