@@ -32,7 +32,7 @@ from experiments.analysis import (
 )
 from experiments.claims import SHARED_NOTE
 from experiments.figures import COLORS, SAME_BYTES
-from experiments.grid import KEY, Cell, cells_of, check_lock, finished_cells, read_design
+from experiments.grid import cells_of, check_lock, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import OVER_SEEDS
 from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
@@ -60,7 +60,8 @@ CONFIRMED, CONTRADICTED = "confirmed", "contradicted"
 UNDECIDED, UNTESTED = "not decided", "not tested"
 
 VARIANTS = (
-    "Five variants, each with eight training seeds, differ in where the finger forces are used:",
+    "Five variants, each with eight training seeds, differ in their curiosity and in whether the "
+    "policy feels the finger forces (in Opening three of them):",
     *table_lines(
         ["Variant", "Rewarded while exploring", "The policy feels the forces"],
         [
@@ -83,7 +84,8 @@ NOTES = (
     "touch number below; not corrected. No verdict uses it.",
     "p: adjusted by Holm's method over all claims. A single task is tested only inside a decided "
     "claim, in its direction, with Holm's method over the claim's tasks: the chance of a false "
-    "result is at most 5 % in a claim, but not over all single tasks.",
+    "result is at most 5 % in a claim, but not over all single tasks. A dash: not tested; whole "
+    "seeds are for whole claims alone.",
     f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction; "
     "then p of the claim and of its tasks is that of the reverse. The chance of one or more false "
     "confirmations is at most 5 %, and so is that of false contradictions (of either: 10 %), if "
@@ -97,8 +99,7 @@ NOTES = (
     f"Detectable: the difference in each task that {100 * POWER:.0f} % of such studies would "
     "confirm at the strictest level of the correction (simulated, with normal values that vary as "
     "these do); of a contradicted claim, in its reverse. For a single task this also assumes that "
-    "the whole claim is decided, which is seldom so if only this task differs. A dash: the values "
-    "of both variants do not vary in a task, or the worse one leaves no room for the difference.",
+    "the whole claim is decided, which is seldom so if only this task differs.",
     "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
     "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
     "[explores less than random actions](../../results/notebook.md#is-the-learner-right): the last "
@@ -138,7 +139,7 @@ RELIANCE_NOTE = (
     "not show what a policy would have learned without forces. No change: success in the same "
     "episodes with the forces that are felt. A seed that learned nothing has nothing to lose: it "
     "counts with a change of 0. Means with 95 % intervals, not corrected for their number: "
-    f"{OVER_SEEDS}; with one seed over its episodes."
+    f"{OVER_SEEDS}."
 )
 
 FELT, CURIOSITY = "HaC, forces felt", "of it, curiosity"
@@ -259,15 +260,15 @@ def _numbers(sides: Sides, family: int, verdict: str) -> list[float]:
 def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level: float) -> float:
     """Return the difference, the same in every task, that the test shows with a chance of POWER.
 
-    The permutation distribution is taken as normal, with its exact variance. NaN where values do
-    not vary, or where the worse arm's mean leaves no room for the difference below 1.
+    The permutation distribution is taken as normal, with its exact variance.
+
+    Raises:
+        ValueError: no difference that the worse arm's mean leaves room for is shown as often.
     """
     rng = np.random.default_rng(0)
     pairs = [*zip(better, worse, strict=True)]
     seeds = len(pairs[0][0])
     spreads = [np.sqrt((one.var(ddof=1) + two.var(ddof=1)) / 2) for one, two in pairs]
-    if not all(spreads):
-        return np.nan
     drawn = rng.standard_normal((SIMULATED, len(pairs), 2, seeds)) * np.reshape(
         spreads, (1, -1, 1, 1)
     )
@@ -277,13 +278,11 @@ def detectable(better: Sequence[np.ndarray], worse: Sequence[np.ndarray], level:
         difference = np.subtract(*moved.mean(axis=3).transpose(2, 0, 1)).sum(axis=1)
         every = moved.reshape(SIMULATED, len(pairs), 2 * seeds)
         deviation = np.sqrt((every.var(axis=2, ddof=1) * 2 / seeds).sum(axis=1))
-        reached = difference / np.maximum(deviation, 1e-12) >= scipy.stats.norm.isf(level)
+        reached = difference / deviation >= scipy.stats.norm.isf(level)
         return float(reached.mean()) - POWER
 
     room = 1.0 - max(float(one.mean()) for one in worse)
-    return (
-        float(scipy.optimize.bisect(excess, 0.0, room, xtol=1e-4)) if excess(room) > 0 else np.nan
-    )
+    return float(scipy.optimize.bisect(excess, 0.0, room, xtol=1e-4))
 
 
 def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
@@ -295,8 +294,7 @@ def touch_numbers(measures: Mapping[str, str], values: Values) -> pd.DataFrame:
 
     Returns:
         A row per task and part of PARTS: task, metric, part, difference, low, high. 95 % intervals
-        over training seeds: Student's t, Welch-Satterthwaite degrees of freedom; NaN without
-        variation.
+        over training seeds: Student's t, Welch-Satterthwaite degrees of freedom.
     """
     rows = []
     for (task, metric), (part, weights) in product(measures.items(), PARTS.items()):
@@ -309,8 +307,6 @@ def _interval(weighted: Sequence[tuple[float, np.ndarray]]) -> tuple[float, floa
     difference = sum(weight * float(seeds.mean()) for weight, seeds in weighted)
     parts = [(weight**2 * seeds.var(ddof=1) / len(seeds), len(seeds)) for weight, seeds in weighted]
     variance = sum(part for part, _ in parts)
-    if not variance:
-        return difference, np.nan, np.nan
     freedom = variance**2 / sum(part**2 / (count - 1) for part, count in parts)
     half = float(scipy.stats.t.ppf(1 - ALPHA / 2, freedom) * variance**0.5)
     return difference, max(-1.0, difference - half), min(1.0, difference + half)
@@ -327,7 +323,6 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
         sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
     rows = read_rows(directory, "estimates").sort_values("training_seed", kind="stable")
     main = rows[(rows["suite"] == "table4") & (rows["conditions"] == "")]
-    main = main[[Cell(*key) in cells for key in main[KEY].itertuples(index=False)]]
     return {
         key: group["value"].to_numpy(float)
         for key, group in main.groupby(["method", "task", "metric"], sort=False)
@@ -383,8 +378,6 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFram
 
 
 def _interval_text(row: Any) -> str:
-    if np.isnan(row.low):
-        return f"{row.difference:+z.3f} (all seeds alike: no interval)"
     return f"{row.difference:+z.3f} [{row.low:+z.3f}, {row.high:+z.3f}]"
 
 
@@ -408,7 +401,7 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
                     f"{claim['better']} \\> {claim['worse']}",
                     means,
                     _interval_text(row),
-                    ABSENT if np.isnan(row.detectable) else f"{row.detectable:.3f}",
+                    f"{row.detectable:.3f}",
                     *(ABSENT if np.isnan(one) else _p_text(one) for one in (p, whole)),
                     row.verdict,
                 ]

@@ -38,7 +38,7 @@ def test_stored_estimates_are_means_of_stored_episodes(name):
         means = episodes[episodes["role"] == role].groupby(run)[column].agg(["mean", "size"])
         shown = estimates[estimates["metric"] == metric].set_index(run)
         both = shown.join(means)
-        assert len(shown) >= (4 if name == "touch" else 15)  # that study is under way
+        assert len(shown) >= 15
         assert both["value"].tolist() == pytest.approx(both["mean"].tolist())
         assert both["episodes"].tolist() == both["size"].tolist()
 
