@@ -71,5 +71,6 @@ def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_the_canonical_set_holds() -> None:
     assert check_set(canonical_shape_set(), workers=2) == ()
