@@ -352,8 +352,8 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
 def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFrame) -> str:
     """Return what felt forces and the curiosity are worth, to be quoted, with the verdict."""
     (number,) = (
-        place + 1
-        for place, claim in enumerate(design["pooled"])
+        place
+        for place, claim in enumerate(design["pooled"], 1)
         if {claim["better"]: 1.0, claim["worse"]: -1.0} == PARTS[FELT]
     )
     rows = judged[judged["claim"] == number].set_index("task")
@@ -457,23 +457,21 @@ def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[s
 
 def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
     """Draw the differences of PARTS in each task, with their intervals."""
-    parts = [*PARTS]
     tasks = [rows for _, rows in numbers.groupby("task", sort=False)]
     with mpl.rc_context(SAME_BYTES):
         figure, every = plt.subplots(
-            1, len(tasks), figsize=(2.9 * len(tasks), 0.9 + 0.33 * len(parts)), sharey=True,
+            1, len(tasks), figsize=(2.9 * len(tasks), 0.9 + 0.33 * len(PARTS)), sharey=True,
             squeeze=False, layout="constrained",
         )  # fmt: skip
         for axes, rows in zip(every[0], tasks, strict=True):
             axes.axvline(0.0, color="gray", linewidth=0.8)
-            for row in rows.itertuples():
-                place = parts.index(row.part)
+            for place, row in enumerate(rows.itertuples()):
                 axes.plot([row.low, row.high], [place] * 2, "|-", color=COLORS[place], linewidth=2)
                 axes.plot(row.difference, place, "o", color=COLORS[place], markersize=4)
             title = f"{task_title(row.task)}: {METRICS[row.metric].label.lower()}"
             axes.set(title=title, xlabel="difference between variants", xlim=(-1.05, 1.05))
-            axes.set_yticks(range(len(parts)), parts)
-            axes.set_ylim(len(parts) - 0.5, -0.5)
+            axes.set_yticks(range(len(PARTS)), [*PARTS])
+            axes.set_ylim(len(PARTS) - 0.5, -0.5)
         figure.savefig(file, metadata={"Date": None, "Creator": None})
         plt.close(figure)
 
