@@ -18,6 +18,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from importlib.metadata import version
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -35,8 +36,10 @@ A process started with these variables keeps to one thread and, on x86-64, to AV
 its own on AMD. The libraries read them when they are loaded.
 """
 if platform.machine() == "x86_64":
+    NUMPY = tuple(int(part) for part in version("numpy").split(".")[:2])
     ARITHMETIC |= {
-        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+        # The name of AVX-512's first part; without it numpy uses none of the others.
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4" if NUMPY >= (2, 4) else "AVX512F",
         "OPENBLAS_CORETYPE": "Haswell",
         "ATEN_CPU_CAPABILITY": "avx2",
         "ONEDNN_MAX_CPU_ISA": "AVX2",
