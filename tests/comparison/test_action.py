@@ -39,6 +39,7 @@ def gate(tmp_path, code=0, decision="no regression", refused="", **given):
         env={
             **variables,
             "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            "GIT_CEILING_DIRECTORIES": str(tmp_path.parent),
             "RUNNER_TEMP": str(tmp_path.parent),
             "GITHUB_OUTPUT": str(tmp_path / "output"),
         },
