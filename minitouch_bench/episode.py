@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import whole
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Seed = Annotated[int, Meta(ge=0)]
@@ -76,6 +77,22 @@ class EpisodeSpec:
 
 
 @dataclass(frozen=True)
+class Start:
+    """Where an episode begins: objects have settled, nothing has acted yet.
+
+    ``position``: x, y, z of the object's center of mass (m); of the cabinet x of its front, y of
+    its middle, z of its floor. ``yaw``: how the object was turned when it was drawn (rad), 0 for a
+    cube and the cabinet. ``target``: x, y where Pushing's object is to go (m). ``end_effector``:
+    x, y, z (m).
+    """
+
+    position: tuple[float, float, float]
+    yaw: float
+    target: tuple[float, float] | None
+    end_effector: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Trace:
     """What happened at each of the T control steps; ``run.json`` keeps its digest alone.
 
@@ -98,6 +115,12 @@ class Trace:
     object_state: NDArray[np.float64]
     first_touch_tick: int = -1
 
+    def finger_force(self) -> NDArray[np.float32]:
+        """Return the larger of both fingers' forces after each control step, float32 (T,) in N."""
+        forces = self.touch[1:, PROTOCOL.observation.forces].reshape(-1, 2, 3)
+        larger: NDArray[np.float32] = np.linalg.norm(forces, axis=2).max(axis=1)
+        return larger
+
     def digest(self) -> str:
         """SHA-256 over every array and its shape: equal digests mean equal bits.
 
@@ -116,7 +139,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class PlayedEpisode:
-    """An episode with its trace, which ``measure`` turns into an ``Episode``.
+    """An episode with its start and trace, which ``measure`` turns into an ``Episode``.
 
     ``fault`` says what the policy did wrong, "" if nothing.
 
@@ -125,6 +148,7 @@ class PlayedEpisode:
 
     spec: EpisodeSpec
     outcome: Outcome
+    start: Start
     trace: Trace
     fault: str = ""
     is_late: bool = False
@@ -137,14 +161,12 @@ class Film:
     ``scenes`` uint8 (T + 1, H, W, 3): the scene at the reset and after each control step.
     ``images`` uint8 (T, 84, 84) and ``touch`` float32 (T, 11): what the policy was given before
     each of its actions; one more where it failed at the next.
-    ``target``: where Pushing's object is to go (m), None in the other tasks.
     """
 
     played: PlayedEpisode
     scenes: NDArray[np.uint8]
     images: NDArray[np.uint8]
     touch: NDArray[np.float32]
-    target: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,12 +207,15 @@ class Episode:
     family: str
     split: str
     outcome: Outcome
+    start: Start
     steps: Count
     episode_return: float
     touch_interaction: Count
     touch_onsets: Count
     touch_steps: Count
     touch_variance: float
+    peak_force: float | None
+    contact_force: float | None
     object_movement: float
     first_touch_tick: Count | None
     ticks: Count

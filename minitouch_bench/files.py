@@ -24,7 +24,7 @@ from minitouch_bench import errors
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
 ACTIONS_FILE, RUN_FILE = "actions.npz", "run.json"
-EPISODES_FILE, FORCES_FILE, REPORT_PAGE = "episodes.csv", "forces.csv", "report.html"
+EPISODES_FILE, REPORT_PAGE = "episodes.csv", "report.html"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""
 VIDEOS, REPLAYS = "videos", "replays"
@@ -36,7 +36,7 @@ REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
 JOURNAL_FILE = "run.journal"
 """What is done of a run; a finished run has none."""
 
-RUN_FILES = (ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, FORCES_FILE, REPORT_PAGE)
+RUN_FILES = (ACTIONS_FILE, RUN_FILE, JOURNAL_FILE, EPISODES_FILE, REPORT_PAGE)
 """What a run writes, beside its videos and replays."""
 
 VIEW_NAME = re.compile(r"(exploration-)?[a-z][a-z0-9-]*-\d+\.(mp4|gif|html|csv)")

@@ -1,9 +1,9 @@
 """Under which conditions a policy plays: changed senses and a changed world."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
+import msgspec
 import numpy as np
 
 from minitouch_bench.errors import UsageError
@@ -15,9 +15,10 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 """What can be taken away: the touch vector, its finger forces alone, the picture."""
 
 
-@dataclass(frozen=True)
-class Perturbation:
+class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     """What differs from the protocol in the senses and the world. A run with any is unofficial.
+
+    What is as usual is not written to ``run.json``, so a new condition changes no stored run.
 
     A sense in ``without`` stays as it is at the reset. ``noise`` (gray levels) and
     ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, episode_progress, note
-from minitouch_bench.episode import PlayedEpisode
-from minitouch_bench.errors import IncompleteCheckError, RunDirectoryError, UsageError
+from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import REPORTS, holds_run, list_videos
 from minitouch_bench.json_io import words
 
@@ -38,14 +37,6 @@ def report(
         str | None,
         typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
     ] = None,
-    forces: Annotated[
-        bool,
-        typer.Option(
-            "--forces",
-            help="Replay the recorded actions of runs without forces.csv, for “What the fingers "
-            "felt”.",
-        ),
-    ] = False,
     table_format: Annotated[
         Literal["md", "latex", "csv", "json"] | None,
         typer.Option(
@@ -59,12 +50,9 @@ def report(
     from minitouch_bench.reporting import report as reporting
     from minitouch_bench.runs.run import read_run
 
-    if table_format is not None and (output is not None or forces):
-        raise UsageError("--format prints Table 4 and writes no page: leave --output, --forces out")
+    if table_format is not None and output is not None:
+        raise UsageError("--format prints Table 4 and writes no page: leave --output out")
     opened = [read_run(run) for run in runs]
-    if forces:
-        for one in opened:
-            _keep_forces(one)
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
     directory = output or usual
@@ -88,31 +76,6 @@ def report(
     reporting.write_page(shown, directory)
     reporting.show_report(shown, data_console())
     note(f"report: {directory / 'report.html'}")
-
-
-def _keep_forces(run: "Run") -> None:
-    """Replay a run for its ``forces.csv``, unless it lies there."""
-    from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.reporting.report import view_directory
-    from minitouch_bench.runs.actions import read_forces, write_forces
-    from minitouch_bench.verification.replay_check import replay_run
-    from minitouch_bench.verification.static_check import refuse_unplayable
-
-    directory, records = view_directory(run.directory or Path()), list[PlayedEpisode]()
-    if read_forces(run.digest, directory):
-        return
-    refuse_unplayable(run)
-    with episode_progress() as callbacks, open_engine() as engine:
-
-        def keep(record: PlayedEpisode) -> None:
-            records.append(record)
-            callbacks.episode(record)
-
-        callbacks.phase("replaying", len(run.header.specs()))
-        found = replay_run(run, engine, keep)
-    for problem in found.problems:
-        raise IncompleteCheckError(f"{run.name}: {problem}; “minitouch-bench verify” says more")
-    write_forces(run.digest, records, directory)
 
 
 def _name_of(runs: "list[Run]") -> str:

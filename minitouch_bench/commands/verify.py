@@ -17,7 +17,7 @@ from minitouch_bench.policies.policy import Isolation, isolation_options
 
 if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
-    from minitouch_bench.verification.static_check import Findings
+    from minitouch_bench.verification.replay_check import Findings
 
 SHOWN = 10
 """Differences that are listed; the others are counted."""
@@ -55,14 +55,14 @@ def verify(
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification import replay_check
-    from minitouch_bench.verification.static_check import Findings, check_run
+    from minitouch_bench.verification.static_check import check_run
 
     if not rerun and (policy or exploration):
         raise errors.UsageError("--policy and --exploration need --rerun N")
     opening = open_engine(engine, workers, address)
     isolated = isolation_options(isolation, trust)
     opened = read_run(run)
-    found = Findings(check_run(opened))
+    found = replay_check.Findings(check_run(opened))
     setup = None
     if rerun and found.passed:
         policy = policy or _source_of(opened.header.policy, "--policy")

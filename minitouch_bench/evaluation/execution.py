@@ -21,7 +21,7 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.machine import installed_versions, machine_facts, require
 from minitouch_bench.policies.formats import computing_packages
-from minitouch_bench.runs.actions import write_actions, write_forces
+from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import (
@@ -130,7 +130,7 @@ def play_missing(
     """Play the episodes that are missing, and return the whole run.
 
     The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
-    ``actions.npz`` and ``forces.csv`` are written there at the end.
+    ``actions.npz`` is written there at the end.
 
     Raises:
         InfrastructureError: the run is incomplete; what is done is kept.
@@ -165,7 +165,6 @@ def play_missing(
     run = make_run(header, environment, in_order, name, directory)
     if directory is not None:
         write_actions(in_order, directory)
-        write_forces(run.digest, in_order, directory)
     return run
 
 

@@ -99,6 +99,7 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
     process being killed from outside is one, but not while it used much memory.
     """
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
+    start = environment.start()
     touch, infos, rewards = [observation["touch"]], [info], []
     senses = AlteredSenses(environment.perturbation, spec.seed)
     outcome, fault, is_late = None, "", False
@@ -116,7 +117,7 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
         # A timeout while loading is the cause of the error that is raised.
         is_late = isinstance(error.__cause__ or error, errors.PolicyTimeoutError)
     trace = _trace(environment.task.spec.action_size, touch, infos, rewards)
-    return PlayedEpisode(spec, outcome, trace, fault, is_late)
+    return PlayedEpisode(spec, outcome, start, trace, fault, is_late)
 
 
 def _trace(

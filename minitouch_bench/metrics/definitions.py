@@ -1,8 +1,7 @@
 """What a metric is, and every metric in one table.
 
 Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
-of the diagnostics and of the leaderboard, and what a submission's episodes are checked for, all
-follow from METRICS. A new metric is an entry there with its statistic. If it is derived from what
+of the diagnostics and of the leaderboard all follow from METRICS. A new metric is an entry there with its statistic. If it is derived from what
 episodes already hold, it is ``added_later``: stored runs stay valid, their reports show a dash, and
 ``compare`` and ``regress`` compute it. If it is measured in each episode, it also needs a field of
 ``episode.Episode``, which makes a new version of ``run.json`` (``runs.run.RUN_VERSION``);
@@ -50,11 +49,6 @@ class ShownIn(StrEnum):
 Value = float | None
 """A metric's value in one episode; None where the episode has none."""
 
-Bounds = tuple[float, float] | None
-"""The least and the greatest value that is possible; None where there can be none."""
-
-NON_NEGATIVE: Bounds = (0.0, math.inf)
-
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
@@ -67,10 +61,8 @@ class Metric:
 
     ``measure`` reads a finished episode and fills ``field`` of Episode, by default the one
     of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
-    what that field holds. A metric has one of the two, or both. ``possible`` gives what the field
-    can hold beside what the others do: a submission with another value is refused. ``column`` of
-    ``episodes.csv`` holds the field of its name, or where there is none the value; "" for a metric
-    that has no column.
+    what that field holds. A metric has one of the two, or both. ``column`` of ``episodes.csv`` holds
+    the field of its name, or where there is none the value; "" for a metric that has no column.
 
     ``statistic``: what the episodes' values are condensed to. ``role``: whose episodes are counted.
     ``needs_goal``: only tasks with a goal have the metric. ``added_later``: there are runs without
@@ -84,7 +76,6 @@ class Metric:
     number_format: str
     meaning: str
     measure: Callable[[PlayedEpisode], Value] | None = None
-    possible: Callable[[Episode], Bounds] = lambda _: NON_NEGATIVE
     field: str = ""
     column: str = ""
     derive: Callable[[Episode], Value] | None = None
@@ -108,19 +99,6 @@ class Metric:
     def measured_field(self) -> str:
         """The field of Episode that ``measure`` fills."""
         return self.field or self.name
-
-    def contradiction(self, episode: Episode) -> str:
-        """Say in words what is measured and not possible; "" if nothing."""
-        if self.measure is None:
-            return ""
-        measured: Value = getattr(episode, self.measured_field)
-        bounds = self.possible(episode)
-        if measured is None or bounds is None:
-            fits = measured is None and bounds is None
-        else:
-            fits = bounds[0] <= measured <= bounds[1]
-        said = "None" if measured is None else f"{measured:g}"
-        return "" if fits else f"{self.measured_field} is {said}, not {_in_words(bounds)}"
 
     @property
     def is_share(self) -> bool:
@@ -161,23 +139,28 @@ class Metric:
         return self.statistic.estimate(values, rng)
 
 
-def _in_words(bounds: Bounds) -> str:
-    if bounds is None:
-        return "None"
-    low, high = bounds
-    if low == high:
-        return f"{low:g}"
-    return f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
-
-
-FINGERS = 2
-
 PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
 """Better direction of touch: where a task has a goal, touching more is not better."""
 
 
 def _touch_variance(record: PlayedEpisode) -> float:
     return float(_axis_variances(record.trace.touch[:, PROTOCOL.observation.forces]).mean())
+
+
+def _contact_forces(record: PlayedEpisode) -> NDArray[np.float64]:
+    """Return the larger finger force of each control step with contact, N."""
+    touched = record.trace.contact_ticks > 0
+    return record.trace.finger_force()[touched].astype(np.float64)
+
+
+def _peak_force(record: PlayedEpisode) -> float | None:
+    forces = _contact_forces(record)
+    return float(forces.max()) if len(forces) else None
+
+
+def _contact_force(record: PlayedEpisode) -> float | None:
+    forces = _contact_forces(record)
+    return float(forces.mean()) if len(forces) else None
 
 
 def _object_movement(record: PlayedEpisode) -> float:
@@ -213,11 +196,6 @@ def _touch_share(episode: Episode) -> float:
     return episode.touch_steps / steps if steps else 0.0
 
 
-def _possible_steps(episode: Episode) -> Bounds:
-    least = 0 if episode.outcome is Outcome.POLICY_FAULT else 1
-    return least, PROTOCOL.task(episode.task).max_steps
-
-
 def _axis_variances(samples: NDArray[Any]) -> NDArray[np.float64]:
     """Return the population variance of each column of (N, D) samples, float64 (D,)."""
     some = samples if len(samples) else np.zeros((1, samples.shape[1]))
@@ -243,7 +221,7 @@ _TABLE = (
         "episode_steps", "Episode steps", CONTROL_STEPS, "T", ".1f",
         "length of an episode, failures included; with a policy fault, the step limit",
         direction=DOWN, needs_goal=True, column="steps", field="steps",
-        measure=lambda record: len(record.trace.actions), possible=_possible_steps,
+        measure=lambda record: len(record.trace.actions),
         derive=_counted_steps,
         shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
@@ -258,14 +236,13 @@ _TABLE = (
         "return", "Return", "reward", "T", ".2f", "sum of the task's rewards",
         direction=UP, column="return", field="episode_return",
         measure=lambda record: float(record.trace.rewards.sum(dtype=np.float64)),
-        possible=lambda e: (PROTOCOL.task(e.task).success_reward * e.success,) * 2,
     ),
     Metric(
         "touch_interaction", "Touch-interaction", "ticks", "T", ".1f",
         "physics ticks with a finger in contact with the object",
         task_directions=PLAYING_UP, column="touch_interaction",
         measure=lambda record: int(record.trace.contact_ticks.sum(dtype=np.int64)),
-        possible=lambda e: (0, e.ticks), shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
     ),
     Metric(
         "touch_share", "Touch share", "share of control steps", "T", ".3f",
@@ -280,19 +257,29 @@ _TABLE = (
     Metric(
         "touch_onsets", "Touch onsets", "contacts", "D", ".1f", "contacts begun",
         column="touch_onsets", measure=lambda record: int(record.trace.onsets.sum(dtype=np.int64)),
-        possible=lambda e: (_touched(e), FINGERS * e.touch_interaction),
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
         "touch_steps", "Touch steps", CONTROL_STEPS, "D", ".1f", "control steps with contact",
         column="touch_steps",
         measure=lambda record: int(np.count_nonzero(record.trace.contact_ticks)),
-        possible=lambda e: (_touched(e), min(e.steps, e.touch_interaction)),
     ),
     Metric(
         "touch_variance", "Touch variance", "N²", "R", ".3g",
         "variance of the finger forces over the episode",
         column="touch_variance", measure=_touch_variance,
+    ),
+    Metric(
+        "peak_force", "Peak force", "N", "D", ".1f",
+        "largest finger force of the control steps with contact, episodes that touched",
+        column="peak_force", measure=_peak_force,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+    ),
+    Metric(
+        "contact_force", "Contact force", "N", "D", ".1f",
+        "mean finger force of the control steps with contact, episodes that touched",
+        column="contact_force", measure=_contact_force,
+        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
         "object_movement", "Object movement", "m²", "T", ".1e",
@@ -305,14 +292,13 @@ _TABLE = (
         "time_to_first_touch", "First touch", "s", "D", ".2f",
         "simulated time to the first contact, episodes that touched",
         column="time_to_first_touch", field="first_touch_tick", measure=_first_touch_tick,
-        possible=lambda e: (0, e.ticks - 1) if _touched(e) else None, derive=_time_to_first_touch,
+        derive=_time_to_first_touch,
         shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
     ),
     Metric(
         "arm_time", "Arm time", "s", "D", ".2f", "simulated time of an episode",
         column="arm_time", field="ticks",
         measure=lambda record: int(record.trace.ticks.sum(dtype=np.int64)),
-        possible=lambda e: (e.steps, e.steps * PROTOCOL.control.max_ticks),
         derive=lambda episode: episode.ticks / PROTOCOL.physics.tick_rate,
         shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
@@ -321,7 +307,7 @@ _TABLE = (
         "actions beyond -1 to 1, which are clipped",
         column="clipped_actions",
         measure=lambda record: int(np.count_nonzero(record.trace.clipped)),
-        possible=lambda e: (0, e.steps), shown_in=frozenset({ShownIn.DIAGNOSTICS}),
+        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
     ),
 )
 # fmt: on

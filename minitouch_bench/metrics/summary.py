@@ -5,9 +5,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count, Episode, Outcome, PlayedEpisode, Role
 from minitouch_bench.errors import printable
@@ -39,11 +40,25 @@ TABLE4_METRICS = metrics_shown_in(ShownIn.TABLE4)
 
 _IDENTITY = ("task", "index", "seed", "shape", "outcome")
 _MEASURED = tuple(metric for metric in METRICS.values() if metric.column)
+OFTEN_MISSING = ("time_to_first_touch", "peak_force", "contact_force")
+"""Columns without a value where nothing was touched."""
 EPISODE_COLUMNS = (*_IDENTITY, *(metric.column for metric in _MEASURED))
 """Columns of ``episodes.csv``."""
 
 _BESIDE = ("family", "split", "digest")
-"""What a frame of episodes has and ``episodes.csv`` has not."""
+_STARTS = (
+    *("start_x", "start_y", "start_z", "start_yaw", "target_x", "target_y"),
+    *("end_effector_x", "end_effector_y", "end_effector_z"),
+)
+"""What a frame of episodes has and ``episodes.csv`` has not; see ``episode.Start``."""
+
+
+class Quartiles(NamedTuple):
+    """A distribution over episodes: its lower quartile, median and upper quartile."""
+
+    lower: float
+    median: float
+    upper: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,16 +66,18 @@ class TaskResult:
     """The results of one task: each metric is an attribute, an estimate with its interval.
 
     ``result.success`` is an ``Estimate`` with ``value``, ``low``, ``high`` (95 %), ``count``
-    and ``method``. ``outcomes``: number of episodes by how they ended. ``touch_curve``: mean
-    contact ticks at each control step, over the episodes that reached it;
-    ``touch_curve_episodes``: how many did.
+    and ``method``. ``outcomes``: number of episodes by how they ended. The curves have a value for
+    each control step, over the episodes that reached it, whose number is in ``curve_episodes``:
+    ``touch_curve`` has the mean contact ticks, ``force_curve`` the quartiles (N) of the larger
+    finger force.
     """
 
     task: str
     estimates: Mapping[str, Estimate]
     outcomes: Mapping[Outcome, Count]
-    touch_curve: tuple[float, ...]
-    touch_curve_episodes: tuple[Count, ...] = ()
+    touch_curve: tuple[float, ...] = ()
+    force_curve: tuple[Quartiles, ...] = ()
+    curve_episodes: tuple[Count, ...] = ()
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a row per metric: label, unit, value, low and high (95 %), count, method."""
@@ -168,6 +185,7 @@ def measure(record: PlayedEpisode) -> Episode:
         family=spec.family,
         split=spec.split,
         outcome=record.outcome,
+        start=record.start,
         digest=record.trace.digest(),
         **measured,  # type: ignore[arg-type]  # each measured as its field is typed
     )
@@ -176,7 +194,7 @@ def measure(record: PlayedEpisode) -> Episode:
 def summarize(
     tasks: Sequence[str], episodes: Sequence[Episode], exploration: Sequence[Episode], seed: int
 ) -> Summary:
-    """Estimate every metric of every task from measured episodes: all but the touch curves.
+    """Estimate every metric of every task from measured episodes: all but the curves.
 
     ``seed`` is the run's. Each (task, metric) draws from its own stream under it, so an estimate
     does not depend on which other tasks were run. A task without episodes has no estimates.
@@ -199,29 +217,37 @@ def summarize(
                 task=task,
                 estimates={name: found for name, found in estimates.items() if found is not None},
                 outcomes={outcome: outcomes[outcome] for outcome in Outcome},
-                touch_curve=(),
             )
         )
     return Summary(tuple(results), generalize(episodes, tasks, root))
 
 
-def with_touch_curves(summary: Summary, records: Sequence[PlayedEpisode]) -> Summary:
-    """Add what only the trajectories tell."""
-    final = [record for record in records if record.spec.role is Role.FINAL]
+def with_curves(summary: Summary, records: Sequence[PlayedEpisode]) -> Summary:
+    """Add the curves over time, which only the trajectories of the final policy tell."""
     tasks = []
-    for task in summary.tasks:
-        curve, reached = touch_curve(final, task.task)
-        tasks.append(replace(task, touch_curve=curve, touch_curve_episodes=reached))
+    for result in summary.tasks:
+        traces = [
+            one.trace
+            for one in records
+            if one.spec.role is Role.FINAL and one.spec.task == result.task
+        ]
+        touch = _by_step([trace.contact_ticks for trace in traces])
+        force = _by_step([trace.finger_force() for trace in traces])
+        quartiles = (np.percentile(step, (25, 50, 75)).round(3).tolist() for step in force)
+        curves = replace(
+            result,
+            touch_curve=tuple(sum(step) / len(step) for step in touch),
+            force_curve=tuple(Quartiles(*step) for step in quartiles),
+            curve_episodes=tuple(map(len, touch)),
+        )
+        tasks.append(curves)
     return replace(summary, tasks=tuple(tasks))
 
 
-def touch_curve(
-    records: Sequence[PlayedEpisode], task: str
-) -> tuple[tuple[float, ...], tuple[int, ...]]:
-    """Return the mean contact ticks at each control step, and the episodes that reached it."""
-    ticks = [one.trace.contact_ticks.tolist() for one in records if one.spec.task == task]
-    reached = [[n for n in step if n is not None] for step in zip_longest(*ticks)]
-    return tuple(sum(step) / len(step) for step in reached), tuple(map(len, reached))
+def _by_step(series: Sequence[NDArray[Any]]) -> list[list[float]]:
+    """Return by control step the values of the episodes that reached the step."""
+    steps = zip_longest(*(values.tolist() for values in series))
+    return [[value for value in step if value is not None] for step in steps]
 
 
 def generalize(
@@ -289,16 +315,23 @@ def episode_row(episode: Episode) -> tuple[Any, ...]:
 
 
 def episodes_frame(episodes: Iterable[Episode]) -> "pd.DataFrame":
-    """Return a row per episode: EPISODE_COLUMNS, family, split, digest; NaN for no time."""
+    """Return a row per episode: EPISODE_COLUMNS, family, split, digest, and where it began.
+
+    What an episode does not have, such as the time of its first touch, is NaN.
+    """
     import pandas as pd  # noqa: PLC0415
 
-    rows = [
-        (*episode_row(episode), *(getattr(episode, name) for name in _BESIDE))
-        for episode in episodes
-    ]
-    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE])
+    rows = []
+    for episode in episodes:
+        start = episode.start
+        target = start.target or (None, None)
+        places = (*start.position, start.yaw, *target, *start.end_effector)
+        beside = (getattr(episode, name) for name in _BESIDE)
+        rows.append((*episode_row(episode), *beside, *places))
+    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE, *_STARTS])
     frame["outcome"] = frame["outcome"].map(str)  # plain words, not members of the enumeration
-    return frame.astype({"outcome": "str", "time_to_first_touch": "float64"})
+    numbers = dict.fromkeys((*OFTEN_MISSING, *_STARTS), "float64")
+    return frame.astype({"outcome": "str", **numbers})
 
 
 def table4_frame(summary: Summary) -> "pd.DataFrame":

@@ -11,7 +11,6 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels, report_tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
 from minitouch_bench.reporting.pages import Ending, ending_of
-from minitouch_bench.runs.actions import ForceCurves, ForceStep
 from minitouch_bench.runs.run import Run
 
 BIN = 10
@@ -31,12 +30,9 @@ FREE_AIR = 1.0
 
 
 def report_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
+    sections: Sequence[RunSection], tasks: Sequence[str]
 ) -> tuple[charts.Figure, ...]:
-    """Return the figures that every report has, of the tasks that have them.
-
-    ``forces``: what is known of each run's forces.
-    """
+    """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
     figures = (
         charts.Figure(
@@ -48,9 +44,9 @@ def report_figures(
         ),
         steps_figure({task: _panels(task, sections) for task in goals}),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
+        _force_figure(sections, tasks),
     )
-    drawn = tuple(figure for figure in figures if figure.plots)
-    return (*drawn, _force_figure(sections, tasks, forces))
+    return tuple(figure for figure in figures if figure.plots)
 
 
 def ending_legend(endings: Iterable[Ending]) -> tuple[charts.LegendItem, ...]:
@@ -222,7 +218,7 @@ def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
     A line is faint where less than FEW of the episodes reached the step.
     """
     summaries = [report_tables.task_summary(run, task) for run in runs]
-    curves = [(one.touch_curve, one.touch_curve_episodes) if one else ((), ()) for one in summaries]
+    curves = [(one.touch_curve, one.curve_episodes) if one else ((), ()) for one in summaries]
     highest = max((value for curve, _ in curves for value in curve), default=0.0)
     longest = max(1, *(len(curve) for curve, _ in curves))
     marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
@@ -248,10 +244,8 @@ def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]
         yield slice(max(0, certain - 1), len(reached)), True
 
 
-def _force_figure(
-    sections: Sequence[RunSection], tasks: Sequence[str], forces: Sequence[ForceCurves]
-) -> charts.Figure:
-    """Return the forces of the runs that have any, and say how to get those that are missing."""
+def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
+    """Draw what the fingers felt over time."""
     clipped = [f"{PROTOCOL.task(task).force_limit:g} N in {task_title(task)}" for task in tasks]
     text = (
         "The larger of the two fingers' forces at the end of each control step: median (line) and "
@@ -263,35 +257,26 @@ def _force_figure(
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."
-    if not all(forces):
-        text += (
-            " Forces that are missing here: “minitouch-bench report RUN --forces” replays the "
-            "recorded actions, without the policy, and draws them."
-        )
-    plots = tuple(
-        _force_plot(task, [curves.get(task, ()) for curves in forces])
-        for task in tasks
-        if any(curves.get(task) for curves in forces)
-    )
-    legend = _run_legend(sections) if plots else ()
-    return charts.Figure("forces", "What the fingers felt", text, plots, legend)
+    plots = tuple(_force_plot(task, [section.run for section in sections]) for task in tasks)
+    return charts.Figure("forces", "What the fingers felt", text, plots, _run_legend(sections))
 
 
-def _force_plot(task: str, curves: Sequence[Sequence[ForceStep]]) -> charts.Plot:
+def _force_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
     """Draw the median force at each control step and the middle half around it, by run."""
     marks: list[charts.Mark] = []
-    for tone, steps in zip(map(charts.series_tone, range(len(curves))), curves, strict=True):
-        low, middle, high = (
-            tuple(enumerate(getattr(step, name) for step in steps))
-            for name in ("lower_quartile", "median", "upper_quartile")
-        )
-        reached = [step.episodes for step in steps]
+    longest, highest = 1, FREE_AIR
+    for index, run in enumerate(runs):
+        result, tone = report_tables.task_summary(run, task), charts.series_tone(index)
+        steps, reached = (result.force_curve, result.curve_episodes) if result else ((), ())
+        longest = max(longest, len(steps))
+        highest = max([highest, *(step.upper for step in steps)])
         for part, is_faint in _parts(reached, max(FEWEST, FEW * max(reached, default=0))):
-            band = (*low[part], *reversed(high[part]))
-            marks.append(charts.Band(band, tone, 0.12 if is_faint else 0.25))
-            marks.append(charts.Line(middle[part], tone, *((1.1, 0.35) if is_faint else (1.4,))))
-    y = charts.value_axis("Force, N", max(step.upper_quartile for one in curves for step in one))
-    x = charts.value_axis("Control steps", max(map(len, curves)))
+            lower, median, upper = (
+                tuple(enumerate(values))[part] for values in zip(*steps, strict=True)
+            )
+            marks.append(charts.Band((*lower, *reversed(upper)), tone, 0.12 if is_faint else 0.25))
+            marks.append(charts.Line(median, tone, *((1.1, 0.35) if is_faint else (1.4,))))
+    x, y = charts.value_axis("Control steps", longest), charts.value_axis("Force, N", highest)
     chart = charts.Chart(x, y, tuple(marks), 112)
     return charts.Plot(
         task_title(task), f"{task_title(task)}: force at each control step", (chart,)

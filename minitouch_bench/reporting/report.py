@@ -23,7 +23,6 @@ from minitouch_bench.reporting import labels, pages, report_tables, tables
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.tables import Block, Table
-from minitouch_bench.runs.actions import ForceCurves, read_forces
 from minitouch_bench.runs.run import Run
 
 
@@ -40,8 +39,7 @@ class Report:
     """What every form of a report shows.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
-    run has both splits. ``episodes``: what the page's browser shows. ``forces``: what is known of
-    each run's forces.
+    run has both splits. ``episodes``: what the page's browser shows.
     """
 
     tasks: tuple[str, ...]
@@ -51,7 +49,6 @@ class Report:
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
     episodes: Markup
-    forces: tuple[ForceCurves, ...]
     videos: tuple[Video, ...]
 
 
@@ -66,8 +63,8 @@ def build_report(
 ) -> Report:
     """Compose the report of one or several runs.
 
-    ``directory``: where its page will be written, with what lies beside the runs: viewers of
-    episodes and ``forces.csv``. Without it the report has neither.
+    ``directory``: where its page will be written, with links to the viewers of episodes that lie
+    beside the runs.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
     those of Table 4, () for the usual ones.
@@ -95,7 +92,6 @@ def build_report(
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
         episodes=pages.browser_data([_browsed(section, directory) for section in sections], tasks),
-        forces=tuple(_forces(run) if directory else {} for run in runs),
         videos=tuple(videos),
     )
 
@@ -106,10 +102,6 @@ def _browsed(section: labels.RunSection, page: Path | None) -> pages.BrowsedRun:
         return pages.BrowsedRun(section.name, run, "RUN")
     viewers = pages.find_viewers(run, view_directory(there) / files.REPLAYS, page)
     return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), viewers)
-
-
-def _forces(run: Run) -> ForceCurves:
-    return {} if run.directory is None else read_forces(run.digest, view_directory(run.directory))
 
 
 def _protocol_of(run: Run) -> str:
@@ -166,7 +158,7 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks, report.forces),
+        figures=report_figures(report.sections, report.tasks),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )

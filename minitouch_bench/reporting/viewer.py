@@ -65,8 +65,8 @@ def progress_of(film: Film) -> Progress:
     if task == PICK_UP.name:
         lifted = 100 * (state[:, 2] - state[0, 2])
         return Progress("Object above its start", "cm", lifted, round(100 * PICK_UP.lift))
-    if film.target is not None:
-        distance = 100 * np.hypot(*(state[:, :2] - film.target).T)
+    if (target := film.played.start.target) is not None:
+        distance = 100 * np.hypot(*(state[:, :2] - target).T)
         return Progress("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
     return Progress("Object from its start", "cm", 100 * np.linalg.norm(state - state[0], axis=1))
 

@@ -13,7 +13,14 @@ from pathlib import Path
 import msgspec
 
 from minitouch_bench import files
-from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, PolicyIdentity, Trace
+from minitouch_bench.episode import (
+    EpisodeSpec,
+    Outcome,
+    PlayedEpisode,
+    PolicyIdentity,
+    Start,
+    Trace,
+)
 from minitouch_bench.errors import RunDirectoryError, plain_line
 from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
@@ -24,9 +31,6 @@ from minitouch_bench.runs.run import RunHeader
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
-
-LINE_UNIT = 16 * files.KIB
-"""Length of an episode's line: the file's size, which a policy can see, tells only their number."""
 
 CONSEQUENCES = {"task_digests", "official", "unofficial_because"}
 """Facts of a header that follow from its others."""
@@ -48,6 +52,7 @@ class _EpisodeLine:
 
     spec: EpisodeSpec
     outcome: Outcome
+    start: Start
     fault: str
     first_touch_tick: int
     arrays: bytes
@@ -109,9 +114,14 @@ class Journal:
             trace = record.trace
             arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
             line = _EpisodeLine(
-                record.spec, record.outcome, record.fault, trace.first_touch_tick, arrays
+                record.spec,
+                record.outcome,
+                record.start,
+                record.fault,
+                trace.first_touch_tick,
+                arrays,
             )
-            content = b"\n" + _as_line(line, LINE_UNIT)
+            content = b"\n" + _as_line(line)
             files.append_bytes(self.directory / files.JOURNAL_FILE, content)
         self.records[record.spec] = record
 
@@ -127,10 +137,9 @@ class Journal:
                 path.unlink(missing_ok=True)
 
 
-def _as_line(document: object, unit: int = 1) -> bytes:
-    """Return the line, with spaces up to a multiple of ``unit``, its line break included."""
+def _as_line(document: object) -> bytes:
+    """Return a document's line, without the line break."""
     text = msgspec.json.encode(document)
-    text += b" " * (-(len(text) + 10) % unit)
     return b"%08x " % zlib.crc32(text) + text
 
 
@@ -146,7 +155,7 @@ def _parse_record(line: bytes, name: str) -> PlayedEpisode:
         trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
     except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
         raise RunDirectoryError(f"{name} is damaged: {error}") from error
-    return PlayedEpisode(stored.spec, stored.outcome, trace, stored.fault)
+    return PlayedEpisode(stored.spec, stored.outcome, stored.start, trace, stored.fault)
 
 
 def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:

@@ -34,7 +34,7 @@ from minitouch_bench.metrics.summary import (
     results_html,
     summarize,
     table4_frame,
-    with_touch_curves,
+    with_curves,
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RUN_FORMAT: Final = "minitouch-run"
-RUN_VERSION: Final = 3
+RUN_VERSION: Final = 4
 """Raised whenever a field of ``run.json`` is added or means something else."""
 
 NAMED = 3
@@ -142,7 +142,7 @@ class RunDocument:
     """
 
     format: Literal["minitouch-run"]
-    version: Literal[3]
+    version: Literal[4]
     digest: Sha256
     header: RunHeader
     environment: RunEnvironment
@@ -314,7 +314,7 @@ def make_run(
     }
     episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
     estimates = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
-    summary = with_touch_curves(estimates, records)
+    summary = with_curves(estimates, records)
     return Run(
         digest=run_digest(header, episodes, exploration),
         header=header,

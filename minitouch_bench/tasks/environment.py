@@ -9,7 +9,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Outcome
+from minitouch_bench.episode import Outcome, Start
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
@@ -153,6 +153,11 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         info = self._info(applied, ended, counted, clipped=bool((given != applied).any()))
         reward = self.task.reward(self.client, outcome)
         return self._observe(), reward, outcome is not None, truncated, info
+
+    def start(self) -> Start:
+        """Return where the objects and the end effector are, which a reset has just placed."""
+        x, y, z = self.arm.position
+        return self.task.start(self.client, (x, y, z))
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return ``picture()`` if ``render_mode`` asks for it, else None."""

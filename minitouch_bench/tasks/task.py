@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Outcome
+from minitouch_bench.episode import Outcome, Start
 from minitouch_bench.protocol.minitouch import (
     OPENING,
     PICK_UP,
@@ -171,6 +171,10 @@ class Task(ABC):
         """Move the arm away from its start joints, where the task asks for it."""
 
     @abstractmethod
+    def start(self, client: PhysicsClient, end_effector: tuple[float, float, float]) -> Start:
+        """Return where the episode begins; ``end_effector`` is there (m)."""
+
+    @abstractmethod
     def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
         """Return the object's position, float64 (3,) in m, or the door's angle, (1,) in rad."""
 
@@ -193,6 +197,8 @@ class TabletopTask(Task):
     """Where it is put."""
     yaw: float
     """How it is turned (rad)."""
+    target: Position | None = None
+    """Where the object is to go."""
 
     @classmethod
     def own_object(cls) -> ObjectModel:
@@ -214,6 +220,11 @@ class TabletopTask(Task):
         if self.model.name != CUBE:
             for _ in range(self.spec.settle_ticks):
                 client.step()
+
+    def start(self, client: PhysicsClient, end_effector: tuple[float, float, float]) -> Start:
+        """Return where the object lies."""
+        x, y, z = client.pose(self.target_body).position
+        return Start((x, y, z), self.yaw, self.target, end_effector)
 
     def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
         """Return the object's center of mass, float64 (3,) in m."""
@@ -248,7 +259,6 @@ class Pushing(TabletopTask):
     spec: ClassVar[PushingSpec] = PUSHING
 
     target: Position
-    """Where the object is to go."""
 
     @property
     def visible_bodies(self) -> tuple[int, ...]:
@@ -323,6 +333,11 @@ class Opening(Task):
         self.target_body = client.load_urdf(cabinet_urdf(cabinet), floor, fixed=True)
         client.set_joint_friction(self.target_body, DOOR_JOINT, cabinet.hinge_friction)
         return ((self.target_body, -1),)
+
+    def start(self, client: PhysicsClient, end_effector: tuple[float, float, float]) -> Start:
+        """Return where the cabinet stands."""
+        floor = (*self.position, PROTOCOL.physics.table_top)
+        return Start(floor, 0.0, None, end_effector)
 
     def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
         """Return the door's angle, float64 (1,) in rad."""

@@ -78,8 +78,7 @@ def film_episode(
         scenes = [*filmed.scenes[:steps], world.picture()]
         images = np.array(filmed.images, np.uint8).reshape(-1, *IMAGE_SHAPE[1:])
         touch = np.array(filmed.touch, np.float32).reshape(-1, PROTOCOL.observation.touch_size)
-        target = getattr(world.task, "target", None)
-        return Film(played, np.array(scenes), images, touch, target)
+        return Film(played, np.array(scenes), images, touch)
 
 
 def write_video(film: Film, path: Path) -> None:

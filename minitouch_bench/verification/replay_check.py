@@ -1,7 +1,7 @@
 """A run checked without trust: its actions replayed, and drawn episodes run again."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -9,12 +9,29 @@ from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
-from minitouch_bench.metrics.summary import measure, touch_curve
+from minitouch_bench.metrics.summary import measure, with_curves
 from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.static_check import Findings, Problem
+from minitouch_bench.verification.static_check import Problem
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a check found: its problems, and how many episodes it played.
+
+    ``replayed``: from their recorded actions; ``reran``: with the checkpoint.
+    """
+
+    problems: tuple[Problem, ...] = ()
+    replayed: int = 0
+    reran: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything is as recorded."""
+        return not self.problems
 
 
 def replay_run(
@@ -36,7 +53,7 @@ def replay_run(
 
 
 def _compare(run: Run, records: dict[EpisodeSpec, PlayedEpisode]) -> Iterator[Problem]:
-    """Compare the rows of a run, and its touch curves, with its replayed episodes."""
+    """Compare the rows of a run, and its curves over time, with its replayed episodes."""
     differs = False
     for spec, row in run.specs_and_rows():
         given, used = len(run.actions[spec.key]), len(records[spec].trace.actions)
@@ -48,10 +65,10 @@ def _compare(run: Run, records: dict[EpisodeSpec, PlayedEpisode]) -> Iterator[Pr
             differs = True
             what = f"its actions do not give the episode recorded: other {', '.join(names)}"
             yield Problem(spec.key, what)
-    final = [records[spec] for spec in run.header.specs() if spec.role is Role.FINAL]
-    for task in () if differs else run.summary.tasks:
-        if (task.touch_curve, task.touch_curve_episodes) != touch_curve(final, task.task):
-            yield Problem(f"touch curve of {task.task}", "it is not that of the episodes")
+    again_summary = run.summary if differs else with_curves(run.summary, [*records.values()])
+    for task, replayed in zip(run.summary.tasks, again_summary.tasks, strict=True):
+        if task != replayed:
+            yield Problem(f"curves of {task.task}", "they are not those of the episodes")
 
 
 def _with_claims(record: PlayedEpisode, row: Episode) -> PlayedEpisode:
