@@ -17,7 +17,7 @@ from minitouch_bench.comparison.comparison import (
     comparison_markdown,
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
+from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
 from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import StrPath, Words, take_table, words
@@ -74,6 +74,7 @@ def evaluate(
     resume: bool = False,
     fresh: bool = False,
     workers: int | str | None = AUTO,
+    stop_after: float | None = None,
     engine: str = "local",
     address: str | None = None,
     isolation: str = Isolation.SANDBOX.value,
@@ -91,7 +92,8 @@ def evaluate(
     unofficial. Without ``output`` the run is kept in memory only, and is lost if interrupted;
     "auto" means the command line's default. ``objects`` are what ``make`` takes. ``progress`` is
     shown on stderr, or in the notebook; None: where a terminal or a notebook is attached and no
-    ``callbacks`` are given. The other options are those of the command line.
+    ``callbacks`` are given. ``stop_after``: seconds. The other options are those of the command
+    line.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
@@ -119,6 +121,7 @@ def evaluate(
     showing = ExitStack()
     if (is_watched() and callbacks is SILENT) if progress is None else progress:
         callbacks = showing.enter_context(episode_progress())
+    callbacks = stopping_after(stop_after, callbacks)
     setup = prepare_policies(
         policy, plan, isolated, callbacks.note, exploration=exploration, name=name
     )

@@ -1,5 +1,6 @@
 """How every command parses its options and shows its help, and the options that several share."""
 
+import re
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -80,6 +81,22 @@ class _Group(_Once, TyperGroup):
             formatter.write_dl(summaries)
 
 
+UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def seconds_of(option: str, text: str | None) -> float | None:
+    """Read a time such as 90m, 5h or 30s, None where none is given.
+
+    Raises:
+        UsageError: it is not a time.
+    """
+    if text is None:
+        return None
+    if not re.fullmatch(r"[0-9]{1,6}(\.[0-9]+)?[smh]", text) or float(text[:-1]) == 0:
+        raise UsageError(f"{option} is a time such as 90m, 5h or 30s, not '{text}'")
+    return float(text[:-1]) * UNITS[text[-1]]
+
+
 # Options
 
 episodes_option = partial(typer.Option, rich_help_panel="Episodes")
@@ -130,6 +147,13 @@ ActTimeout = Annotated[
 EpisodeTimeout = Annotated[
     float,
     timeout_option(help="Seconds a policy may take in an episode; another value is unofficial."),
+]
+StopAfter = Annotated[
+    str | None,
+    engine_option(
+        metavar="TIME",
+        help="Stop after 90m, 5h or 30s, as soon as an episode ends; the same command continues.",
+    ),
 ]
 Resume = Annotated[bool, output_option("--resume", help="Continue the run in the directory.")]
 Fresh = Annotated[bool, output_option("--fresh", help="Replace the run in the directory.")]

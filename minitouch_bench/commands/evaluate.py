@@ -97,6 +97,7 @@ def evaluate(
         bool, output_option("--json", help="Print run.json in place of the tables.")
     ] = False,
     workers: options.Workers = AUTO,
+    stop_after: options.StopAfter = None,
     engine: options.EngineName = "local",
     address: options.Address = None,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
@@ -127,6 +128,7 @@ def evaluate(
         resume=resume,
         fresh=fresh,
         workers=workers,
+        stop_after=options.seconds_of("--stop-after", stop_after),
         engine=engine,
         address=address,
         isolation=isolation,

@@ -1,4 +1,4 @@
-"""``minitouch-bench leaderboard``: check submissions, and build the leaderboard."""
+"""``minitouch-bench leaderboard``: check submissions, play rows, and build the leaderboard."""
 
 import os
 from pathlib import Path
@@ -13,83 +13,100 @@ from minitouch_bench.cli.options import Command, make_group
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, SUBMISSIONS
 
-app = make_group(help="Check submissions and build the leaderboard.")
+app = make_group(help="Check submissions, play their rows, and build the leaderboard.")
+
+Names = Annotated[list[str], typer.Argument(metavar="NAME", help="Names of submissions.")]
+Submissions = Annotated[Path, typer.Option(metavar="DIR", help="Directory of all submissions.")]
+Results = Annotated[Path, typer.Option(metavar="DIR", help="Directory of the rows' results.")]
+RESULTS = REPORTS / "results"
 
 
-@app.command(
-    cls=Command, epilog="Example: minitouch-bench leaderboard validate submissions/hac --prove"
-)
-def validate(
-    directories: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="DIR", exists=True, file_okay=False, help="Directories of submissions."
-        ),
-    ],
-    *,
-    prove: Annotated[
-        bool,
-        typer.Option(
-            "--prove",
-            help="Also replay every recorded action, run 20 sampled episodes of each policy again "
-            "with its checkpoint and 50 new episodes per task, and write the proof that the "
-            "leaderboard shows.",
-        ),
-    ] = False,
-    workers: options.Workers = AUTO,
-) -> None:
-    """Check submissions without trusting them; exit 1 with every problem and how to correct it.
+@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard check my-policy")
+def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
+    """Check the files and words of submissions; exit 1 with every problem. Nothing is executed."""
+    from minitouch_bench.leaderboard.submission import (
+        check_submission,
+        find_equal,
+        read_submission,
+    )
 
-    A submission that cannot be read, or whose check cannot be finished, does not stop the others.
-    """
-    from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.leaderboard import proving, validation
-    from minitouch_bench.leaderboard.proof import PROOFS
-
-    opening = open_engine("local", workers)
-    results = []
-    for place in [
-        one for one in directories if one.name != PROOFS
-    ]:  # which submissions/* names, too
-        found = validation.validate(place)
-        if found.passed:
-            found = validation.fetch_references(found)
-        if prove and found.passed:
-            with episode_progress() as callbacks, opening as engine:
-                found = proving.prove(found, engine, callbacks)
-        results.append(found)
-        print_problems(found.name, filter(None, (found.error, *found.problems)))
-        if found.withdrawn:
-            print(f"{errors.printable(found.name)}: its proof ({found.withdrawn}) is withdrawn")
-        if found.passed:
-            print(f"{errors.printable(found.name)}: valid, {found.level}")
-    valid = sum(found.passed for found in results)
-    note(f"{valid} of {len(results)} valid")
-    if any(not problem.is_unchecked for found in results for problem in found.problems):
+    bad = 0
+    for name in names:
+        if problems := [*check_submission(submissions / name)]:
+            print_problems(name, problems)
+            bad += 1
+            continue
+        print(f"{errors.printable(name)}: sound")
+        equal = find_equal(submissions, read_submission(submissions / name))
+        for file, other in equal.items():
+            print(f"{name}: {file} is also in {other}; the row that is played first keeps its rank")
+    if bad:
         raise typer.Exit(errors.CHECK_FAILED)
-    if valid < len(results):
-        is_incomplete = any(
-            isinstance(found.error, errors.IncompleteCheckError) for found in results
-        )
-        unchecked = errors.IncompleteCheckError if is_incomplete else errors.RunDirectoryError
-        raise typer.Exit(unchecked.exit_code)
+
+
+@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard play hac --stop-after 5h")
+def play(
+    names: Names,
+    *,
+    suite: Annotated[
+        str | None, typer.Option(metavar="SUITE", help="Only this suite of the submissions'.")
+    ] = None,
+    stop_after: options.StopAfter = None,
+    workers: options.Workers = AUTO,
+    submissions: Submissions = SUBMISSIONS,
+    results: Results = RESULTS,
+) -> None:
+    """Play rows from their checkpoints: the official suites, and fresh episodes.
+
+    What was played before and is not changed is not played again. After an interruption the same
+    command continues.
+    """
+    from minitouch_bench.evaluation.engine import open_engine, stopping_after
+    from minitouch_bench.leaderboard.entry import Entry, play_row
+    from minitouch_bench.leaderboard.submission import check_submission
+
+    seconds = options.seconds_of("--stop-after", stop_after)
+    entries = []
+    for name in names:
+        if problems := [*check_submission(submissions / name)]:
+            print_problems(name, problems)
+            raise typer.Exit(errors.CHECK_FAILED)
+        entries.append(Entry.open(submissions / name, results))
+    waiting = False
+    with episode_progress() as shown, open_engine("local", workers) as engine:
+        callbacks = stopping_after(seconds, shown)
+        for entry in entries:
+            suites = entry.submission.suites
+            if suite is not None and suite not in suites:
+                raise errors.UsageError(f"{entry.name} is for {', '.join(suites)}, not for {suite}")
+            row = play_row(entry, engine, callbacks, suites=(suite,) if suite else ())
+            if row.waiting:
+                print_problems(entry.name, [f"it stays waiting: {row.waiting}"])
+                waiting = True
+            else:
+                print(entry.results)
+    if waiting:
+        raise typer.Exit(errors.HopelessRunError.exit_code)
+    note("next: minitouch-bench leaderboard build")
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard build --output site")
 def build(
-    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
-    output: Annotated[Path, typer.Option(help="Directory of the leaderboard.")] = REPORTS
-    / "leaderboard",
+    submissions: Submissions = SUBMISSIONS,
+    results: Results = RESULTS,
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Directory of the leaderboard.")
+    ] = REPORTS / "leaderboard",
 ) -> None:
     """Write the leaderboard as Markdown, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.site import build_board
 
-    board = build_board(submissions, output, note)
-    for refusal in board.refused:
-        print_problems(refusal.name, refusal.reasons)
+    board = build_board(submissions, output, results)
+    for one in (*board.waiting, *board.left_out):
+        print_problems(one.name, [one.reason])
     note(
         f"{len(board.ranked)} ranked, {len(board.unranked)} without a rank, "
-        f"{len(board.other_protocol)} of another protocol, {len(board.refused)} refused"
+        f"{len(board.waiting)} waiting, {len(board.left_out)} left out"
     )
     print(output / "index.html")
 
@@ -98,14 +115,15 @@ def build(
 def remove(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the submission.")],
     *,
-    submissions: Annotated[Path, typer.Option(help="Directory of all submissions.")] = SUBMISSIONS,
+    submissions: Submissions = SUBMISSIONS,
+    results: Results = RESULTS,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
-    """Remove a submission and its proof, after showing what goes."""
+    """Remove a submission and its results, after showing what goes."""
     from minitouch_bench.leaderboard.packing import find_removable, remove_submission
 
-    for path, content in (there := find_removable(submissions, name)).items():
-        note(f"{path}{os.sep if path.is_dir() else ''}: {content}")
+    for path, content in (there := find_removable(submissions, results, name)).items():
+        note(f"{path}{os.sep}: {content}")
     if not yes:
         if not os.isatty(0):
             raise errors.UsageError("nothing is removed without --yes where no terminal can ask")

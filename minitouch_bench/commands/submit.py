@@ -1,43 +1,80 @@
-"""The command ``submit``: pack finished runs as a submission."""
+"""The command ``submit``: pack policies as a submission."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from minitouch_bench.cli.console import note, print_problems
+from minitouch_bench.cli import options
+from minitouch_bench.cli.console import episode_progress, note
 from minitouch_bench.cli.options import output_option
-from minitouch_bench.errors import CHECK_FAILED, UsageError
+from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSIONS
 from minitouch_bench.json_io import whole_numbers, words
+from minitouch_bench.policies.policy import Isolation, isolation_options
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
-DEFAULT_MODALITIES = ("vision", "touch")
 
 
 def submit(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Official runs.")],
+    policies: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="POLICY",
+            help="A policy for each training seed: a checkpoint for all tasks, a directory of one "
+            "file per task, or hf://...; or the directories of trainings, in any order.",
+        ),
+    ],
     *,
     name: Annotated[str, typer.Option(help="Name of the submission: a-z, 0-9, '.', '_', '-'.")],
+    exploration: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="POLICY",
+            help="Exploration policy of each training, in the order of the policies; repeat it.",
+        ),
+    ] = None,
+    training_seeds: Annotated[
+        str | None,
+        about_option(
+            metavar="N,N", help="Seed of each training, in their order; by default 0, 1, …."
+        ),
+    ] = None,
     training_steps: Annotated[
-        int,
+        int | None,
         about_option(
             metavar="N",
             min=0,
             help="Control steps of a whole training, all phases and tasks; 0 if none.",
         ),
-    ],
-    training_seeds: Annotated[
+    ] = None,
+    learner: Annotated[
         str | None,
         about_option(
-            metavar="N,N",
-            help="Seed of each training, in the order of the runs; by default 0, 1, ….",
+            metavar="TEXT",
+            help="What learned, so that rows of one learner can be compared, such as 'PPO, CNN'.",
         ),
     ] = None,
     method: Annotated[
         str | None,
-        about_option(help="Name of the method on the leaderboard; by default NAME."),
+        about_option(
+            metavar="TEXT", help="Name of the method; by default the training's, or NAME."
+        ),
+    ] = None,
+    suites: Annotated[
+        str, about_option(metavar="A,B", help="Suites that it is meant for.")
+    ] = MAIN_SUITE,
+    modalities: Annotated[
+        str | None,
+        about_option(
+            metavar="A,B",
+            help="What the policy uses: vision, and touch or proprioception (touch without its "
+            "forces); by default the training's, or vision,touch.",
+        ),
     ] = None,
     authors: Annotated[str | None, about_option(help="Names, separated by commas.")] = None,
     paper: Annotated[str, about_option(help="An https link.")] = "",
@@ -45,64 +82,51 @@ def submit(
     license_: Annotated[
         str, about_option("--license", help="SPDX expression, such as Apache-2.0.")
     ] = "",
-    modalities: Annotated[
-        str | None,
-        about_option(
-            help="What the policy uses: vision, and touch or proprioception (touch without its "
-            "forces), separated by commas; by default vision,touch."
-        ),
-    ] = None,
     notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
     directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
-    include_checkpoint: Annotated[
-        bool,
-        output_option(help="Copy the checkpoint, or name its address on the Hub, to run it again."),
-    ] = True,
+    workers: options.Workers = AUTO,
+    isolation: options.IsolationLevel = Isolation.SANDBOX.value,
 ) -> None:
-    """Pack finished official runs as a submission for the leaderboard.
+    """Pack policies as a submission for the leaderboard.
 
-    The runs of one policy are one training of the method: one of table4, and at most one of
-    novel-shapes. Give the runs of several trainings together. A submission that fails the check,
-    or has the name of another, is not written.
+    Each is loaded in the sandbox and plays one episode per task. A maintainer's machine plays the
+    row: no number of a run of yours enters the leaderboard.
     """
-    from minitouch_bench.leaderboard.packing import group_by_training, pack
-    from minitouch_bench.leaderboard.submission import Submission, check_submission
-    from minitouch_bench.leaderboard.validation import RESERVED_MODALITIES
-    from minitouch_bench.runs.run import read_run
+    from minitouch_bench.evaluation.engine import open_engine
+    from minitouch_bench.json_io import take_table
+    from minitouch_bench.leaderboard import packing
+    from minitouch_bench.leaderboard.submission import Submission, find_equal
 
-    opened = [read_run(run) for run in runs]
-    trainings = group_by_training(opened, include=include_checkpoint)
-    seeds = whole_numbers("--training-seeds", training_seeds) or range(len(trainings))
-    if len(seeds) != len(trainings):
-        raise UsageError(
-            f"the runs are of {len(trainings)} trainings, --training-seeds has {len(seeds)} numbers"
+    isolated = isolation_options(isolation, trust=False)
+    told: dict[str, Any] = {"method": name, "learner": "", "modalities": ("vision", "touch")}
+    if all(map(packing.is_training, policies)):
+        if exploration or training_seeds:
+            raise UsageError("a training directory has its seed and its exploration policy itself")
+        trainings, of_trainings = packing.pack_trainings(policies)
+        told |= of_trainings
+    else:
+        seeds = whole_numbers("--training-seeds", training_seeds)
+        trainings = packing.pack_policies(policies, exploration or [], seeds)
+        if not any(one.training.checkpoints for one in trainings):  # a built-in policy
+            told |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
+    given = {
+        "method": method,
+        "learner": learner,
+        "training_steps": training_steps,
+        "modalities": words(modalities) or None,
+    }
+    told |= {key: value for key, value in given.items() if value is not None}
+    if "training_steps" not in told:
+        raise UsageError("--training-steps is missing: control steps of a training, 0 if none")
+    told |= {"name": name, "suites": words(suites), "authors": words(authors)}
+    told |= {"paper": paper, "code": code, "license": license_, "notes": notes}
+    told["trainings"] = [one.training for one in trainings]
+    submission = replace(take_table(told, Submission))  # which writes the defaults out, too
+    with episode_progress() as callbacks, open_engine("local", workers) as engine:
+        place = packing.pack(
+            submission, trainings, directory, engine, callbacks, isolation=isolated
         )
-    kind = opened[0].header.policy.kind
-    submission = Submission(
-        name=name,
-        method=name if method is None else method,
-        authors=words(authors),
-        paper=paper,
-        code=code,
-        license=license_,
-        training_steps=training_steps,
-        modalities=words(modalities) or RESERVED_MODALITIES.get(kind, DEFAULT_MODALITIES),
-        notes=notes,
-        seeds=tuple(training.entry(seed) for seed, training in zip(seeds, trainings, strict=True)),
-    )
-    check_submission(submission)
-    for seed in submission.seeds if include_checkpoint else ():
-        for file in seed.checkpoints:
-            if file.is_reference:
-                note(f"{file.file} is not copied: the submission names {file.path}")
-            elif not file.path:
-                note(f"{file.file} is not there any more: only its SHA-256 is kept")
-    if problems := pack(submission, trainings, directory):
-        print_problems(name, problems)
-        raise typer.Exit(CHECK_FAILED)
-    place = directory / name
+    for file, other in find_equal(directory, submission).items():
+        note(f"{file} is also in {other}: the row that is played first keeps its rank")
     print(place)
-    note(
-        f"valid; next: minitouch-bench leaderboard validate {place} --prove, "
-        "then minitouch-bench leaderboard build"
-    )
+    note(f"next: minitouch-bench leaderboard play {name}, then minitouch-bench leaderboard build")

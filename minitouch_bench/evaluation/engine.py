@@ -1,12 +1,13 @@
 """Engines: what runs episodes, and the one table of them."""
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.processes import core_count
 
 if TYPE_CHECKING:
@@ -56,6 +57,25 @@ class Callbacks:
 
 
 SILENT = Callbacks()
+
+
+def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:
+    """Return callbacks that end an evaluation once so many seconds are over and an episode ends.
+
+    They raise an ``InfrastructureError``: what is done is kept, and the run can be resumed. With
+    None nothing changes.
+    """
+    if seconds is None:
+        return callbacks
+    end = time.monotonic() + seconds
+
+    def episode(record: PlayedEpisode) -> None:
+        callbacks.episode(record)
+        if time.monotonic() >= end:
+            raise InfrastructureError("stopped: the time of --stop-after is over")
+
+    return replace(callbacks, episode=episode)
+
 
 Note = Callable[[str], None]
 """Takes one line for the user."""

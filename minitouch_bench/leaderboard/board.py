@@ -4,24 +4,31 @@ Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
-from typing import Any, Literal
+from itertools import chain, combinations
+from typing import Any, Literal, TypeVar
 
-from minitouch_bench.episode import Count, Episode, Sha256
-from minitouch_bench.errors import printable
+from minitouch_bench.episode import Count, Episode, Role, Sha256
 from minitouch_bench.leaderboard import ranking
-from minitouch_bench.leaderboard.proof import FreshProof, ProofLevel
-from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY, Pair, Rank
-from minitouch_bench.leaderboard.submission import BOARD_TASKS, About
-from minitouch_bench.leaderboard.validation import SubmissionFindings, find_copies
-from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
+from minitouch_bench.leaderboard.entry import Draw, Entry, Row
+from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
+from minitouch_bench.leaderboard.ranking import (
+    BOARD_TASKS,
+    OVERALL,
+    RANKED_BY,
+    Pair,
+    Rank,
+    Runs,
+)
+from minitouch_bench.leaderboard.submission import About, Submission
+from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.pages import Ending, ending_of
+from minitouch_bench.runs.run import Run
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -31,29 +38,66 @@ CALIBRATION_POLICIES = (CEILING, *FLOORS)
 TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""
 
+COPIED_SHARE = 0.5
+"""Share of equal episodes that makes a training a copy of another: two trainings have none."""
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class PlayedRow:
+    """A submission with what ``play`` kept of it: its draws, and the runs of finished suites."""
+
+    submission: Submission
+    row: Row
+    official: Runs
+    fresh: Runs
+
+    @classmethod
+    def read(cls, entry: Entry) -> "PlayedRow":
+        """Read the results of a submission.
+
+        Raises:
+            RunDirectoryError: a file is damaged, or the run is of other policies or rules.
+        """
+        row = entry.read_row()
+        return cls(entry.submission, row, *entry.read_runs(row))
+
+    def episodes(self, task: str) -> list[list[Episode]]:
+        """Return the final policy's episodes of a task of the main suite, of each training."""
+        runs = self.official.get(MAIN_SUITE, ())
+        return [[row for row in run.rows if row.task == task] for run in runs]
+
+    def draws(self) -> tuple[Draw, ...]:
+        """Return the draw of each training."""
+        found = (self.row.draw_for(training) for training in self.submission.trainings)
+        return tuple(draw for draw in found if draw is not None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class BoardRow(About):
-    """A submission: what it says of itself, how well it is proved, and its figures.
+    """A row: what the submission says of itself, and what was measured when it was played.
 
-    ``labels``: what every table says of its policies, such as "remote".
-    ``same_episodes_as`` names the submissions with a run of which at least half of the episodes
-    are the same, bit for bit; ``runs`` has the digest of each run. ``ranks`` by task and "overall",
-    empty for a calibration policy; ``figures`` by task (or "overall") and metric, in the units that
-    ``docs/reference/metrics.md`` gives; ``novel_shapes`` by task: the metric that ranks it on
-    held-out and on train shapes, and held-out minus train. ``learned``: how many training seeds
-    learned each task with a goal. ``endings``: number of episodes by how they ended.
+    ``labels``: what every table says of its policies, such as "reads the simulator's state".
+    ``played``: the day and the processor. ``copy_of``: a row that was played before with the same
+    checkpoints or episodes, "" if there is none. ``drop_p``: see ``fresh.drop_p``. ``runs`` has the
+    digest of each run. Ranks, figures and fresh figures are by the key of a table: a task of the
+    main suite, "overall", or SUITE/TASK; ranks are empty for a row without a rank. Figures are by
+    metric, in the units that ``docs/reference/metrics.md`` gives. ``novel_shapes`` by task: the
+    metric that ranks it on held-out and on train shapes, and held-out minus train. ``learned``: how
+    many training seeds learned each task with a goal. ``endings``: number of episodes by how they
+    ended.
     """
 
-    proof: ProofLevel
     labels: tuple[str, ...]
-    rerun_episodes: Count
-    fresh: FreshProof | None
-    same_episodes_as: tuple[str, ...]
+    played: str
+    copy_of: str
+    drop_p: float
     training_seeds: tuple[Count, ...]
     runs: Mapping[str, Sha256]
     ranks: Mapping[str, Rank]
     figures: Mapping[str, Mapping[str, Estimate]]
+    fresh: Mapping[str, Mapping[str, Estimate]]
     novel_shapes: Mapping[str, Gap]
     learned: Mapping[str, Count]
     endings: Mapping[str, Mapping[Ending, Count]]
@@ -64,23 +108,31 @@ class BoardRow(About):
         return self.name in BUILT_IN
 
     @property
-    def is_ranked(self) -> bool:
-        """Whether it has a rank."""
-        return self.proof is ProofLevel.VERIFIED and not self.is_calibration
+    def why_no_rank(self) -> str:
+        """Why it has no rank, "" where it has one."""
+        if self.is_calibration:
+            return "a built-in policy, for calibration"
+        if self.copy_of == self.name:
+            return "two of its trainings play the same episodes"
+        if self.copy_of:
+            return f"a copy of {self.copy_of}, which was played first"
+        if self.drop_p < SIGNIFICANCE:
+            return f"worse in fresh episodes than in the official ones (p = {self.drop_p:.2g})"
+        return ""
 
-    def learned_in(self, task: str) -> str:
+    def learned_in(self, key: str) -> str:
         """Say how many of several training seeds learned a task, or OVERALL all; "" for one."""
         seeds = len(self.training_seeds)
-        if seeds == 1 or task not in (OVERALL, *self.learned):
+        if seeds == 1 or not self.learned or key not in (OVERALL, *self.learned):
             return ""
-        if task == OVERALL:
+        if key == OVERALL:
             trainings = f"{sum(self.learned.values())} of {seeds * len(self.learned)} trainings"
             return f"{trainings} learned"
-        return f"{self.learned[task]} of {seeds} seeds learned"
+        return f"{self.learned[key]} of {seeds} seeds learned"
 
-    def estimate(self, task: str, metric: str) -> Estimate | None:
+    def estimate(self, key: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
-        return self.figures.get(task, {}).get(metric)
+        return self.figures.get(key, {}).get(metric)
 
 
 def in_words(value: object) -> str:
@@ -97,12 +149,8 @@ def amount(number: int) -> str:
     return str(number) if number else "none"
 
 
-def _repeats(others: tuple[str, ...]) -> str:
-    return f"same episodes as {in_words(others)}" if others else ""
-
-
 def _seeds(seeds: tuple[int, ...]) -> str:
-    return "1 seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
+    return "one training" if len(seeds) == 1 else f"{len(seeds)} trainings"
 
 
 @dataclass(frozen=True)
@@ -130,105 +178,106 @@ class ColumnSpec:
 
 COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
+    "learner": ColumnSpec("Learner", "column"),
+    "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
+    "training_seeds": ColumnSpec("Trainings", "name", write=_seeds),
+    "modalities": ColumnSpec("Modalities", "name"),
+    "labels": ColumnSpec("Labels", "name"),
+    "played": ColumnSpec("Played", "column"),
     "authors": ColumnSpec("Authors"),
     "paper": ColumnSpec("Paper", is_link=True),
     "code": ColumnSpec("Code", is_link=True),
     "license": ColumnSpec("License"),
-    "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
-    "modalities": ColumnSpec("Modalities", "name"),
     "notes": ColumnSpec("Notes"),
-    "proof": ColumnSpec("Proof", "column"),
-    "labels": ColumnSpec("Labels", "name"),
-    "same_episodes_as": ColumnSpec("Repeats", "name", write=_repeats),
-    "training_seeds": ColumnSpec("Training seeds", "name", write=_seeds),
 }
 """The columns of the board, beside its estimates: fields of ``BoardRow`` in order."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A submission that is not on the board, with every reason."""
+    """A submission that is not on the board, with the reason and what to do."""
 
     name: str
-    reasons: tuple[str, ...]
+    reason: str
 
 
 @dataclass(frozen=True)
 class Board:
     """The leaderboard of one protocol: ``ranked`` from the best down.
 
-    ``calibration`` are the built-in policies, which are never ranked, ``missing_calibration``
-    those without a submission. ``other_protocol``: submissions of another protocol; ``refused``:
-    submissions that do not pass. ``pairs``: by task and "overall", every two of the ranked rows.
+    ``calibration`` are the built-in policies, which are never ranked; ``unranked`` have another
+    reason for it. ``waiting``: submissions that are not played yet. ``left_out``: submissions and
+    results that cannot be shown. ``pairs``: by the key of a table, every two of its ranked rows.
     """
 
     format: Literal["minitouch-leaderboard"]
-    version: Literal[5]
+    version: Literal[6]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
     unranked: tuple[BoardRow, ...]
     calibration: tuple[BoardRow, ...]
-    missing_calibration: tuple[str, ...]
-    other_protocol: tuple[LeftOut, ...]
-    refused: tuple[LeftOut, ...]
+    waiting: tuple[LeftOut, ...]
+    left_out: tuple[LeftOut, ...]
     pairs: Mapping[str, tuple[Pair, ...]]
 
     @property
     def rows(self) -> tuple[BoardRow, ...]:
-        """The rows of this protocol, ranked ones first."""
+        """Every row, ranked ones first."""
         return (*self.ranked, *self.unranked, *self.calibration)
 
 
-def make_board(findings: Sequence[SubmissionFindings]) -> Board:
-    """Rank the submissions of one protocol that passed, and list those that did not."""
-    passed = {found.submission.name: found for found in findings if found.passed}
-    by_name = dict(sorted(passed.items()))
-    repeated = _same_episodes(by_name)
-    rows = {name: _row(found, repeated.get(name, ())) for name, found in by_name.items()}
-    ranked = [name for name, row in rows.items() if row.is_ranked]
-    rankings = ranking.rank({name: _values(by_name[name]) for name in ranked})
-    for place, name in enumerate(ranked):
-        ranks = {key: table.ranks[place] for key, table in rankings.items()}
+def make_board(
+    played: Sequence[PlayedRow],
+    waiting: Sequence[LeftOut] = (),
+    left_out: Sequence[LeftOut] = (),
+) -> Board:
+    """Rank the rows that were played."""
+    by_name = {one.submission.name: one for one in played}
+    by_name = dict(sorted(by_name.items()))
+    copies = find_copies(by_name)
+    rows = {name: _row(one, copies.get(name, "")) for name, one in by_name.items()}
+    ranked = {name for name, row in rows.items() if not row.why_no_rank}
+    rankings = ranking.rank(
+        {name: ranking.values_by_key(by_name[name].official) for name in sorted(ranked)}
+    )
+    for name in ranked:
+        ranks = {key: table.ranks[name] for key, table in rankings.items() if name in table.ranks}
         rows[name] = replace(rows[name], ranks=ranks)
-    left_out: dict[bool, list[LeftOut]] = {False: [], True: []}
-    for found in findings:
-        if not found.passed:
-            refusal = LeftOut(printable(found.directory.name), tuple(map(str, found.problems)))
-            left_out[found.is_other_protocol].append(refusal)
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
         format="minitouch-leaderboard",
-        version=5,
+        version=6,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
-        ranked=tuple(row for row in submitted if row.is_ranked),
-        unranked=tuple(row for row in submitted if not row.is_ranked),
+        ranked=tuple(row for row in submitted if row.name in ranked),
+        unranked=tuple(row for row in submitted if row.name not in ranked),
         calibration=tuple(rows[name] for name in CALIBRATION_POLICIES if name in rows),
-        missing_calibration=tuple(name for name in CALIBRATION_POLICIES if name not in rows),
-        other_protocol=tuple(left_out[True]),
-        refused=tuple(left_out[False]),
+        waiting=tuple(waiting),
+        left_out=tuple(left_out),
         pairs={key: table.pairs for key, table in rankings.items()},
     )
 
 
-def _row(found: SubmissionFindings, repeated: Iterable[str]) -> BoardRow:
-    about, proof = found.submission, found.proof
-    policies = [policy for run in found.runs.values() for policy in run.header.policies()]
+def _row(played: PlayedRow, copy_of: str) -> BoardRow:
+    about, official = played.submission, played.official
+    runs = [run for of_suite in official.values() for run in of_suite]
+    notes = (note for run in runs for policy in run.header.policies() for note in policy.notes)
+    first = min(played.draws(), key=lambda draw: draw.at)
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
-        proof=found.level,
-        labels=tuple(dict.fromkeys(note for policy in policies for note in policy.notes)),
-        rerun_episodes=proof.rerun_episodes if proof else 0,
-        fresh=proof.fresh if proof else None,
-        same_episodes_as=tuple(sorted(repeated)),
-        training_seeds=tuple(seed.seed for seed in about.seeds),
-        runs={folder: run.digest for folder, run in found.runs.items()},
+        labels=tuple(dict.fromkeys(notes)),
+        played=f"{first.at[:10]}, {first.processor}",
+        copy_of=copy_of,
+        drop_p=played.row.drop_p,
+        training_seeds=tuple(training.seed for training in about.trainings),
+        runs={run.name.partition("/")[2]: run.digest for run in runs},
         ranks={},
-        figures=ranking.score(found.runs_on(MAIN_SUITE)),
-        novel_shapes=ranking.score_gaps(found.runs_on(NOVEL_SHAPES)),
-        learned=ranking.count_learned(found.runs_on(MAIN_SUITE)),
-        endings={task: _endings(chain(*found.episodes(task))) for task in BOARD_TASKS},
+        figures=ranking.score(official),
+        fresh=ranking.score(played.fresh),
+        novel_shapes=ranking.score_gaps(official.get(NOVEL_SHAPES, ())),
+        learned=ranking.count_learned(official.get(MAIN_SUITE, ())),
+        endings={task: _endings(chain(*played.episodes(task))) for task in BOARD_TASKS},
     )
 
 
@@ -238,37 +287,71 @@ def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:
     return {ending: counts[ending] for ending in Ending if counts[ending]}
 
 
-def _values(found: SubmissionFindings) -> dict[str, list[list[float]]]:
-    """Return what ranks each task: of each training seed, the value of every episode."""
-    return {
-        task: [METRICS[RANKED_BY[task]].values(episodes) for episodes in found.episodes(task)]
-        for task in BOARD_TASKS
-    }
-
-
 def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
-    """Order rows by what ranks a task or OVERALL, then the name.
+    """Order rows by what ranks a table: rows of several trainings by their value, then the name.
 
-    Not by ``Rank.best``: a row whose training seeds differ much is not significantly worse
-    than any other, and would be listed above rows that are better.
+    Not by ``Rank.best``: a row whose trainings differ much is not significantly worse than any
+    other, and would be listed above rows that are better. A row of one training comes directly
+    below the last row of several whose interval reaches it, or goes beyond: it can be a lucky
+    training of the same method. Rows without a value come last.
     """
-    return sorted(rows, key=lambda row: (-row.figures[key][RANKED_BY[key]].value, row.name))
+
+    def place(row: BoardRow) -> tuple[float, str]:
+        return -row.figures[key][RANKED_BY[key]].value, row.name
+
+    shown = sorted((row for row in rows if key in row.figures), key=place)
+    ordered = [row for row in shown if len(row.training_seeds) > 1]
+    limits = [row.figures[key][RANKED_BY[key]].high for row in ordered]
+    singles = [row for row in shown if len(row.training_seeds) == 1]
+    for row in reversed(singles):  # so that the best of those at one place ends up first
+        reach = [i for i, high in enumerate(limits) if high >= -place(row)[0]]
+        ordered.insert(reach[-1] + 1 if reach else 0, row)
+    return [*ordered, *(row for row in rows if key not in row.figures)]
 
 
-def _same_episodes(findings: Mapping[str, SubmissionFindings]) -> dict[str, set[str]]:
-    """Return by name the others with a main run of the same episodes.
+def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
+    """Return by name the row that each copy repeats: the one whose training was played first.
 
-    A proved row is not called a copy of one that is not.
+    A training repeats another where their checkpoints are equal, or at least COPIED_SHARE of the
+    final policy's episodes, bit for bit: a copy that acts a little otherwise in most of its
+    episodes is not seen.
     """
-    runs = {
-        (name, seed): run
-        for name, found in findings.items()
-        for seed, run in enumerate(found.runs_on(MAIN_SUITE))
-    }
-    others: dict[str, set[str]] = {}
-    proved = {name for name, found in findings.items() if found.proof is not None}
-    for (first, _), (second, _) in find_copies(runs):
-        for name, other in ((first, second), (second, first)):
-            if name != other and (other in proved or name not in proved):
-                others.setdefault(name, set()).add(other)
-    return others
+    trainings: dict[tuple[str, int], Draw] = {}
+    runs: dict[tuple[str, int], Run] = {}
+    digests: dict[str, list[tuple[str, int]]] = {}
+    for name, one in played.items():
+        for number, training in enumerate(one.submission.trainings):
+            draw = one.row.draw_for(training)
+            assert draw is not None
+            key = name, number
+            trainings[key] = draw
+            for suite in one.official:
+                runs[key] = one.official[suite][number]
+                break
+            if digest := training.digest(Role.FINAL):
+                digests.setdefault(digest, []).append(key)
+    equal = {pair for keys in digests.values() for pair in combinations(keys, 2)}
+    copies: dict[str, str] = {}
+    for pair in sorted(equal | {*_same_episodes(runs)}):
+        built_in = {key: not trainings[key].final for key in pair}
+        first, later = sorted(pair, key=lambda key: (not built_in[key], trainings[key].at, key))
+        copies.setdefault(later[0], first[0])
+    return copies
+
+
+def _same_episodes(runs: Mapping[Key, Run]) -> list[tuple[Key, Key]]:
+    """Return the pairs of runs that share COPIED_SHARE of the smaller one's episodes.
+
+    Episodes without a step are equal in every run and do not count.
+    """
+    owners: dict[tuple[str, int, str], list[Key]] = {}
+    played = {key: [row for row in run.rows if row.steps] for key, run in runs.items()}
+    for key, rows in played.items():
+        for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
+            owners.setdefault(episode, []).append(key)
+    shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
+    return [
+        (first, other)
+        for (first, other), count in shared.items()
+        if count >= COPIED_SHARE * min(len(played[first]), len(played[other]))
+    ]

@@ -1,4 +1,4 @@
-"""Pack finished runs and the checkpoints of their policies as a submission, or remove one."""
+"""Pack policies as a submission, or remove a submission and its results."""
 
 import os
 import re
@@ -7,29 +7,31 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from minitouch_bench import files
-from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.agents.config import TrainingConfig, read_recorded_config
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError, printable
+from minitouch_bench.evaluation.engine import Callbacks, Engine
+from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard.proof import PROOFS
-from minitouch_bench.leaderboard.submission import (
+from minitouch_bench.leaderboard.entry import Entry
+from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS
+from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
+from minitouch_bench.policies.sources import (
     ALL_TASKS,
-    MAX_VIDEO,
-    NAME,
-    RUN_LIMITS,
-    SUBMITTED_SUITES,
+    CONFIG_FILE,
+    HUB,
+    TRAINED,
     CheckpointFile,
-    Submission,
-    TrainingSeed,
-    in_place,
+    SubmittedTraining,
+    parse_hub_address,
+    parse_source,
 )
-from minitouch_bench.leaderboard.validation import validate
-from minitouch_bench.policies.policy import DIRECTORY, PolicySource
-from minitouch_bench.policies.sources import HUB, parse_hub_address, parse_source
-from minitouch_bench.protocol.minitouch import MAIN_SUITE
-from minitouch_bench.runs.run import Run
-from minitouch_bench.verification.static_check import Problem
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.runs.plan import make_plan
 
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""
@@ -37,113 +39,142 @@ PACKING = ".packing"
 
 @dataclass(frozen=True)
 class PackedTraining:
-    """One training of a method: its finished runs by suite, and its checkpoint files.
+    """A training, and what is copied: where each file of its policies is, unless on the Hub."""
 
-    ``files`` maps each entry of ``submission.toml`` to the file that is copied, None where it is
-    referenced, or only its SHA-256 is kept.
-    """
-
-    runs: Mapping[str, Run]
-    files: Mapping[CheckpointFile, Path | None]
-
-    def entry(self, seed: int) -> TrainingSeed:
-        """Return what ``submission.toml`` says of this training, whose number is ``seed``."""
-        return in_place(TrainingSeed(seed, dict.fromkeys(self.runs, ""), tuple(self.files)))
+    training: SubmittedTraining
+    files: Mapping[CheckpointFile, Path]
 
 
-def group_by_training(runs: Sequence[Run], *, include: bool) -> list[PackedTraining]:
-    """Return the trainings in the order of their first runs: runs of one policy are one training.
+def is_training(policy: str) -> bool:
+    """Tell whether a POLICY is the directory of a training."""
+    return (Path(policy) / CONFIG_FILE).is_file()
 
-    Args:
-        runs: Official runs, one per policy and suite, each policy with one of MAIN_SUITE.
-        include: Reference the checkpoints on the Hub, and copy the others that are still where
-            they were evaluated.
+
+def pack_trainings(directories: Sequence[str]) -> tuple[list[PackedTraining], dict[str, Any]]:
+    """Group training directories by their seed; return them, and what their settings say.
+
+    What they say are fields of ``Submission``: method, learner, training steps, modalities.
 
     Raises:
-        UsageError: a run is not official, missing or there twice, or the policy of a run is a
-            directory that has changed.
+        UsageError: two are of one task and seed, or the trainings are of unlike settings.
+        RunDirectoryError, PolicyLoadError: one is damaged or unfinished.
     """
-    by_policy: dict[tuple[str, str], dict[str, Run]] = {}
-    for run in runs:
-        policy, suite = run.header.policy, run.plan.suite
-        if suite not in SUBMITTED_SUITES or not run.header.official:
-            reasons = "; ".join(run.header.unofficial_because) or f"suite {suite}"
-            raise UsageError(f"{run.directory} is not an official run: {reasons}")
-        of_policy = by_policy.setdefault((policy.kind, policy.digest or policy.source), {})
-        if suite in of_policy:
-            both = f"{of_policy[suite].directory} and {run.directory}"
-            raise UsageError(f"{both} are runs of {suite} with one policy: give one of them")
-        of_policy[suite] = run
-    trainings = []
-    for of_policy in by_policy.values():
-        if MAIN_SUITE not in of_policy:
-            alone = next(iter(of_policy.values())).directory
-            raise UsageError(f"no run is of {MAIN_SUITE} with the policy of {alone}: add it")
-        header = of_policy[MAIN_SUITE].header
-        policies = {Role.FINAL: header.policy, Role.EXPLORATION: header.exploration}
-        named = dict(
-            file
-            for role, recorded in policies.items()
-            if recorded is not None
-            for file in _checkpoint_files(role, _find_source(recorded))
-        )
-        files_there = named if include else {replace(file, path=""): None for file in named}
-        listed = {suite: of_policy[suite] for suite in SUBMITTED_SUITES if suite in of_policy}
-        trainings.append(PackedTraining(listed, files_there))
-    return trainings
+    by_seed: dict[int, dict[str, Path]] = {}
+    configs: dict[int, list[TrainingConfig]] = {}
+    for directory in map(Path, directories):
+        config = read_recorded_config(directory / CONFIG_FILE)
+        of_seed = by_seed.setdefault(config.seed, {})
+        if config.task in of_seed:
+            both = f"{of_seed[config.task]} and {directory}"
+            raise UsageError(f"{both} are trainings of {config.task} with one seed: give one")
+        of_seed[config.task] = directory
+        configs.setdefault(config.seed, []).append(config)
+    told = {seed: _about(of_seed) for seed, of_seed in configs.items()}
+    if len({*map(repr, told.values())}) > 1:
+        unlike = ", ".join(f"seed {seed}: {words}" for seed, words in told.items())
+        raise UsageError(f"the trainings of a submission are alike but for their seeds; {unlike}")
+    packed = []
+    for seed, of_seed in sorted(by_seed.items()):
+        found: dict[CheckpointFile, Path] = {}
+        for role in Role:
+            for task in TASK_NAMES:
+                if task in of_seed and (role is Role.FINAL or _explored(of_seed[task], task)):
+                    path = of_seed[task] / TRAINED[role]
+                    source = parse_source(str(path))
+                    file = CheckpointFile(role, task, f"{task}{path.suffix}", source.digest)
+                    found[file] = path
+        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), found))
+    return packed, next(iter(told.values()))
 
 
-def _find_source(recorded: PolicyIdentity) -> PolicySource:
-    """Find the policy of a finished run again, or what is known of it where it is gone."""
-    try:
-        source = parse_source(recorded.source, contact=False)
-        if (source.kind, source.digest) == (recorded.kind, recorded.digest):
-            return source
-    except PolicyLoadError:
-        pass
-    if recorded.kind == DIRECTORY:  # which is known by its files alone
+def _explored(directory: Path, task: str) -> bool:
+    """Tell whether an exploration policy is rated: in Playing it is the final one."""
+    return task in GOAL_TASKS and (directory / TRAINED[Role.EXPLORATION]).exists()
+
+
+def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
+    """Return what the settings of one seed's trainings say of the method."""
+    methods = {config.method for config in configs}
+    without = {config.without for config in configs}
+    if len(methods) > 1 or len(without) > 1:
+        raise UsageError("the trainings of one seed have unlike methods or senses")
+    (lacking,) = without
+    touch = "proprioception" if "forces" in lacking else "touch"
+    senses = {"vision": "vision", touch: "touch"}
+    sees_keypoints = any(config.task_phase.keypoint_updates for config in configs)
+    return {
+        "method": methods.pop(),
+        "learner": f"MiniTouch-bench SAC{' on keypoints' if sees_keypoints else ''}",
+        "training_steps": sum(config.steps for config in configs),
+        "modalities": tuple(name for name, sense in senses.items() if sense not in lacking),
+    }
+
+
+def pack_policies(
+    policies: Sequence[str], explorations: Sequence[str], seeds: Sequence[int]
+) -> list[PackedTraining]:
+    """Make each policy, with the exploration policy of the same place, a training.
+
+    Raises:
+        UsageError: their numbers differ, or a policy is not files.
+        PolicyLoadError: there is no such policy.
+    """
+    seeds = seeds or range(len(policies))
+    if len(seeds) != len(policies) or len(explorations) not in (0, len(policies)):
         raise UsageError(
-            f"the policy {recorded.source} has changed or is not there: put it back, or submit in "
-            "the directory where it was evaluated"
+            f"there are {len(policies)} policies, {len(seeds)} training seeds and "
+            f"{len(explorations)} exploration policies: give one of each for every training"
         )
-    return PolicySource(recorded.kind, recorded.name, recorded.source, recorded.digest)
+    packed = []
+    for number, seed in enumerate(seeds):
+        found = dict(_files_of(parse_source(policies[number]), Role.FINAL))
+        if explorations:
+            source = parse_source(explorations[number], role=Role.EXPLORATION)
+            found |= dict(_files_of(source, Role.EXPLORATION))
+        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), found))
+    return [
+        replace(one, files={file: path for file, path in one.files.items() if not file.address})
+        for one in packed
+    ]
 
 
-def _checkpoint_files(
-    role: Role, policy: PolicySource
-) -> Iterator[tuple[CheckpointFile, Path | None]]:
-    """Walk through the files of a policy, each with where it is, None on the Hub or where gone."""
-    parts = policy.parts if policy.kind == DIRECTORY else ((ALL_TASKS, policy),)
-    for task, part in parts:
-        if part.digest:
-            address = part.address or part.target
-            if address.startswith(HUB):
-                hub = parse_hub_address(address)
-                reference = f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
-                file = CheckpointFile(role, task, Path(hub.file).name, part.digest, reference)
-                yield file if file.is_reference else replace(file, path=""), None
-            else:
-                path = Path(address) if os.path.isfile(address) else None
-                there = str(path or "")
-                yield CheckpointFile(role, task, Path(address).name, part.digest, there), path
+def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile, Path]]:
+    """Yield the files of a policy; those of a built-in policy are none."""
+    if role is Role.FINAL and source.kind in BUILT_IN:
+        return
+    for task, part in source.parts if source.kind == DIRECTORY else ((ALL_TASKS, source),):
+        if part.kind not in FORMATS:
+            raise UsageError(
+                f"{source.name} is not a checkpoint: a row is played from files (see "
+                "docs/reference/formats.md), which a maintainer can run in the sandbox"
+            )
+        path, address = Path(part.target), ""
+        if part.address:
+            hub = parse_hub_address(part.address)
+            path, address = Path(hub.file), f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
+        yield CheckpointFile(role, task, path.name, part.digest, address), path
 
 
 def pack(
-    submission: Submission, trainings: Sequence[PackedTraining], submissions: Path
-) -> tuple[Problem, ...]:
-    """Make a submission in a folder aside, check it, and move it to its name in one rename.
+    submission: Submission,
+    trainings: Sequence[PackedTraining],
+    submissions: Path,
+    engine: Engine,
+    callbacks: Callbacks,
+    *,
+    isolation: IsolationOptions = SANDBOXED,
+) -> Path:
+    """Make a submission in a folder aside, try its policies, and move it to its name.
 
-    Args:
-        submission: Its seeds are the entries of ``trainings``, in their order.
-        trainings: What is copied.
-        submissions: Directory of all submissions.
-
-    Returns:
-        The problems for which it would be refused; where there is one, nothing is written.
+    Each policy is loaded and plays one episode per task.
 
     Raises:
         RunDirectoryError: one of this name is there, or a file cannot be read or written.
+        UsageError: the submission does not pass the check.
+        PolicyError: a policy cannot be loaded, or fails in its episode.
     """
+    for mistake in mistakes(submission):
+        raise UsageError(mistake)
     target = submissions / submission.name
     with lock_aside(submissions) as folder:
         if os.path.lexists(target):
@@ -153,18 +184,40 @@ def pack(
             )
         copy = folder / submission.name
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
-        for seed, training in zip(submission.seeds, trainings, strict=True):
-            for suite, run in training.runs.items():
-                assert run.directory is not None
-                copy_run(run.directory, copy / seed.runs[suite])
-            for file, source in zip(seed.checkpoints, training.files.values(), strict=True):
-                if source is not None:
-                    _copy(source, copy / file.path, files.LARGEST_CHECKPOINT, follow=True)
-        problems = validate(copy).problems
-        if not problems:
-            with files.os_errors_as(RunDirectoryError, target, "written"):
-                copy.rename(target)
-        return problems
+        for one in trainings:
+            for file, source in one.files.items():
+                with files.os_errors_as(RunDirectoryError, source, "copied"):
+                    content = files.read_file(source, files.LARGEST_CHECKPOINT, follow=True)
+                    files.write_file(copy / one.training.place(file), content)
+        for problem in check_submission(copy):
+            raise UsageError(problem)
+        _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)
+        with files.os_errors_as(RunDirectoryError, target, "written"):
+            copy.rename(target)
+    return target
+
+
+def _try_policies(
+    entry: Entry, engine: Engine, callbacks: Callbacks, isolation: IsolationOptions
+) -> None:
+    """Play one episode per task with each policy of each training.
+
+    Raises:
+        PolicyLoadError: a policy cannot be loaded, or fails.
+    """
+    plan = make_plan(entry.submission.suites[0], episodes=1)
+    setups = []
+    for training in entry.submission.trainings:
+        policy = entry.policy(training)
+        explorer = policy if training.files(Role.EXPLORATION) else None
+        setup = prepare_policies(policy, plan, isolation, callbacks.note, exploration=explorer)
+        setups.append((training.folder, setup, plan.specs(exploration=explorer is not None)))
+    callbacks.phase("trial episodes", sum(len(specs) for _, _, specs in setups))
+    for name, setup, specs in setups:
+        for record in engine.run(setup, specs):
+            callbacks.episode(record)
+            if record.fault:
+                raise PolicyLoadError(f"{name} fails in {record.spec.key}: {record.fault}")
 
 
 @contextmanager
@@ -182,38 +235,17 @@ def lock_aside(submissions: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def copy_run(run: Path, target: Path) -> None:
-    """Copy the facts of a finished run, and its videos.
-
-    Raises:
-        RunDirectoryError: a file cannot be read or written.
-    """
-    for name, limit in RUN_LIMITS.items():
-        _copy(run / name, target / name, limit)
-    for video in files.list_videos(run):
-        _copy(video, target / files.VIDEOS / video.name, MAX_VIDEO)
-
-
-def _copy(file: Path, target: Path, limit: int, *, follow: bool = False) -> None:
-    """Copy a plain file; the user's own may be a link, one of a run may not."""
-    with files.os_errors_as(RunDirectoryError, file, "copied"):
-        files.write_file(target, files.read_file(file, limit, follow=follow))
-
-
-def find_removable(submissions: Path, name: str) -> dict[Path, str]:
-    """Return the folder and the proof of a submission that are there, each with what it is.
+def find_removable(submissions: Path, results: Path, name: str) -> dict[Path, str]:
+    """Return the folders of a submission and of its results that are there, with their sizes.
 
     Raises:
         UsageError: neither is there.
     """
     there: dict[Path, str] = {}
-    folder = submissions / name
     if re.search(str(NAME.pattern), name):  # so that it leads nowhere else
-        if folder.is_dir():
+        for folder in filter(files.is_folder, (submissions / name, results / name)):
             sizes = [path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()]
             there[folder] = f"{len(sizes)} files, {sum(sizes) / files.MIB:.1f} MiB"
-        if os.path.lexists(proof := submissions / PROOFS / f"{name}.json"):
-            there[proof] = "its proof"
     if not there:
         raise UsageError(f"there is no submission '{printable(name)}' in {submissions}")
     return there
@@ -226,6 +258,6 @@ def remove_submission(submissions: Path, there: Iterable[Path]) -> None:
         RunDirectoryError: a file cannot be removed.
     """
     with lock_aside(submissions) as aside:
-        for path in there:
+        for number, path in enumerate(there):
             with files.os_errors_as(RunDirectoryError, path, "removed"):
-                path.rename(aside / path.name)
+                path.rename(aside / str(number))

@@ -16,56 +16,107 @@ import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count
-from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
 from minitouch_bench.metrics.statistics import ALPHA, POWER, SHARE, holm, mcnemar_p
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
-from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.spec import Split
+from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.runs.run import Run
 
-OVERALL = "overall"
 MEAN_SUCCESS = "mean_success"
 """The board's own metric: the mean of the success rates of the tasks with a goal."""
+
+BOARD_TASKS = tuple(task for task in TASKS if task in PROTOCOL.suite(MAIN_SUITE).tasks)
+"""The tasks of the main suite, in the order of every table."""
+BOARD_GOALS = tuple(task for task in BOARD_TASKS if task in GOAL_TASKS)
+
+OVERALL = "overall"
+"""The key of the main suite's tasks together."""
+
+
+def board_key(suite: str, task: str) -> str:
+    """Return the key of a task of a suite, of which the board ranks the rows."""
+    return task if suite == MAIN_SUITE else f"{suite}/{task}"
+
 
 RANKED_BY: Mapping[str, str] = {
     OVERALL: MEAN_SUCCESS,
     **{task: ranking_metric(task) for task in BOARD_TASKS},
+    **{
+        board_key(suite.name, task): ranking_metric(task)
+        for suite in PROTOCOL.suites
+        if suite.rankable and suite.name != MAIN_SUITE
+        for task in suite.tasks
+    },
 }
-"""What ranks the rows overall and in each task."""
+"""What ranks the rows, by the key of the table: each is a family of tests of its own."""
 
 BOARD_METRICS = tuple(
     name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
 )
 """What a board shows of every task that has it."""
 
-GAP_TASKS = PROTOCOL.suite(NOVEL_SHAPES).tasks
-"""The tasks that are compared on held-out and on train shapes."""
-
 Figures = dict[str, dict[str, intervals.Estimate]]
-"""A submission's estimates by task or OVERALL, then by metric."""
+"""A row's estimates by the key of a table, then by metric."""
+
+Runs = Mapping[str, Sequence[Run]]
+"""By suite, a run of each training."""
 
 
-def score(runs: Sequence[Run]) -> Figures:
-    """Return every figure of the main suite that each training seed has."""
-    figures: Figures = {OVERALL: {}}
-    for task in BOARD_TASKS:
-        figures[task] = {}
-        for metric in BOARD_METRICS:
-            estimates = [
-                run[task].estimates[metric] for run in runs if metric in run[task].estimates
-            ]
-            if len(estimates) == len(runs):
-                possible = METRICS[metric].range_in(task)
-                figures[task][metric] = intervals.over_seeds(estimates, possible)
-    # The trainings of one task are independent of those of another, so their seeds are not paired.
-    mean = intervals.quadrature([figures[task]["success"] for task in BOARD_GOALS])
-    if len(runs) > 1:
-        mean = replace(
-            mean, count=len(runs), method=f"{intervals.OVER_SEEDS}; {intervals.OVER_TASKS}"
-        )
-    figures[OVERALL][MEAN_SUCCESS] = mean
+def score(runs: Runs) -> Figures:
+    """Return every estimate that each training has, by the key of its table.
+
+    On novel shapes it is the metric that ranks a task, over the held-out shapes.
+    """
+    figures: Figures = {}
+    for suite, of_trainings in runs.items():
+        for task in PROTOCOL.suite(suite).tasks:
+            found = figures[board_key(suite, task)] = {}
+            for metric in BOARD_METRICS:
+                estimates = [*filter(None, (_estimate(run, task, metric) for run in of_trainings))]
+                if len(estimates) == len(of_trainings):
+                    possible = METRICS[metric].range_in(task)
+                    found[metric] = intervals.over_seeds(estimates, possible)
+    if MAIN_SUITE in runs:
+        # Trainings of one task are independent of those of another, so their seeds are not paired.
+        mean = intervals.quadrature([figures[task]["success"] for task in BOARD_GOALS])
+        number = len(runs[MAIN_SUITE])
+        if number > 1:
+            method = f"{intervals.OVER_SEEDS}; {intervals.OVER_TASKS}"
+            mean = replace(mean, count=number, method=method)
+        figures[OVERALL] = {MEAN_SUCCESS: mean}
     return figures
+
+
+def _estimate(run: Run, task: str, metric: str) -> intervals.Estimate | None:
+    if not PROTOCOL.suite(run.plan.suite).novel_shapes:
+        return run[task].estimates.get(metric)
+    gaps = next((one.gaps for one in run.summary.generalization if one.task == task), {})
+    return gaps[metric].held_out if metric in gaps and metric == ranking_metric(task) else None
+
+
+def values_by_key(runs: Runs) -> dict[str, list[list[float]]]:
+    """Return what ranks the rows: by key, of each training, the value of every episode.
+
+    On novel shapes these are the episodes with held-out shapes.
+    """
+    found = {}
+    for suite, of_trainings in runs.items():
+        spec = PROTOCOL.suite(suite)
+        for task in spec.tasks:
+            key = board_key(suite, task)
+            metric = METRICS[RANKED_BY[key]]
+            found[key] = [
+                metric.values(
+                    row
+                    for row in run.rows
+                    if row.task == task and (not spec.novel_shapes or row.split == Split.HELD_OUT)
+                )
+                for run in of_trainings
+            ]
+    return found
 
 
 FLOOR_SUCCESS: Mapping[str, float] = {"pushing": 0.11, "opening": 0.30, "pick-up": 0.03}
@@ -81,15 +132,15 @@ def count_learned(runs: Sequence[Run]) -> dict[str, int]:
     """Return by task with a goal how many training seeds learned it, see FLOOR_SUCCESS."""
     return {
         task: sum(run[task].success.low > FLOOR_SUCCESS[task] for run in runs)
-        for task in BOARD_GOALS
+        for task in (BOARD_GOALS if runs else ())
     }
 
 
 def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
     """Return the gap of each task's ranking metric, by the runs of all training seeds."""
     found = {}
-    for task in GAP_TASKS if runs else ():
-        metric, parts = RANKED_BY[task], {}
+    for task in runs[0].tasks if runs else ():
+        metric, parts = ranking_metric(task), {}
         results = (one for run in runs for one in run.summary.generalization if one.task == task)
         gaps = [result.gaps[metric] for result in results]
         for part in GAP_PARTS:
@@ -129,29 +180,29 @@ class Pair:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The ranks of a table's rows, in their order, and all pairs of rows, the best ones first."""
+    """The ranks of a table's rows by name, and all pairs of rows, the best ones first."""
 
-    ranks: tuple[Rank, ...]
+    ranks: Mapping[str, Rank]
     pairs: tuple[Pair, ...]
 
 
 def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[str, Ranking]:
-    """Rank submissions in each task and overall; one mapping per row, by its name.
+    """Rank rows by name, in each table that two of them have, or one.
 
-    A row has by task, of each training seed, the episodes' values in the metric that ranks it.
+    A row has by key, of each training seed, the episodes' values in the metric that ranks it.
     """
-    if not rows:
-        return {}
-    samples = {task: [np.array(row[task]) for row in rows.values()] for task in BOARD_TASKS}
-    seeds = {name: len(row[BOARD_TASKS[0]]) for name, row in rows.items()}
     rankings = {}
-    for task in BOARD_TASKS:
-        found = intervals.mean_differences([samples[task]])
-        is_share = METRICS[RANKED_BY[task]].statistic == SHARE
-        p_values = share_p_values(samples[task], found) if is_share else found.p_values
-        rankings[task] = _rank_table(found, p_values, seeds)
-    found = intervals.mean_differences([samples[task] for task in BOARD_GOALS])
-    rankings[OVERALL] = _rank_table(found, found.p_values, seeds)
+    for key in RANKED_BY:
+        parts = BOARD_GOALS if key == OVERALL else (key,)
+        present = [name for name, row in rows.items() if row.keys() >= {*parts}]
+        if not present:
+            continue
+        samples = [[np.array(rows[name][part]) for name in present] for part in parts]
+        seeds = {name: len(rows[name][parts[0]]) for name in present}
+        found = intervals.mean_differences(samples)
+        is_share = len(parts) == 1 and METRICS[RANKED_BY[key]].statistic == SHARE
+        p_values = share_p_values(samples[0], found) if is_share else found.p_values
+        rankings[key] = _rank_table(found, p_values, seeds)
     return rankings
 
 
@@ -170,7 +221,7 @@ def _rank_table(
         number = None if better[pair] else seeds_to_decide(found, pair, both, ALPHA / undecided)
         difference = round(float(found.value[pair]), intervals.DIGITS)
         pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
-    return Ranking(ranks_of(better), tuple(pairs))
+    return Ranking(dict(zip(names, ranks_of(better), strict=True)), tuple(pairs))
 
 
 def judge_pairs(

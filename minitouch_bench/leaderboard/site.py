@@ -1,29 +1,35 @@
-"""From a directory of submissions to the files of the leaderboard and its static site.
+"""From submissions and their results to the files of the leaderboard and its static site.
 
-The site is an index and a page per submission, each complete in itself.
+The site is an index and a page per row, each complete in itself. Results alone are shown.
 """
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
 from minitouch_bench import files
-from minitouch_bench.errors import RunDirectoryError, UsageError, printable
-from minitouch_bench.files import os_errors_as, write_file
+from minitouch_bench.errors import RunDirectoryError, printable
+from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json
-from minitouch_bench.leaderboard import proof, views
+from minitouch_bench.leaderboard import views
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
     TOUCH_METRICS,
     Board,
     BoardRow,
+    LeftOut,
+    PlayedRow,
     make_board,
 )
-from minitouch_bench.leaderboard.ranking import OVERALL, RANKED_BY
-from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS, MAX_VIDEO, MODALITIES
-from minitouch_bench.leaderboard.validation import SubmissionFindings, validate
+from minitouch_bench.leaderboard.entry import RESULTS, Entry
+from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
+from minitouch_bench.leaderboard.ranking import BOARD_GOALS, BOARD_TASKS, OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.submission import (
+    MODALITIES,
+    check_submission,
+    find_submissions,
+)
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
@@ -31,7 +37,6 @@ from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
 from minitouch_bench.reporting.figures import steps_figure, touch_figure
 from minitouch_bench.reporting.labels import group_faults, task_title
-from minitouch_bench.reporting.report import Video
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
@@ -42,97 +47,73 @@ STYLES = ("board.css",)
 BOARD_FILE = "leaderboard.json"
 
 PAGES, SITE_PICTURES = "submission", "pictures"
-"""Directories of the submissions' pages, and of the tasks' pictures, in the site."""
+"""Directories of the rows' pages, and of the tasks' pictures, in the site."""
 
 
-def build_board(
-    submissions: Path, output: Path, log: Callable[[str], None] = lambda _: None
-) -> Board:
-    """Check every submission, rank those of this protocol, and write the leaderboard.
+def build_board(submissions: Path, output: Path, results: Path = RESULTS) -> Board:
+    """Rank the rows that were played, and write the leaderboard.
 
-    One that does not pass is left out with its reasons and does not stop the others. One whose
-    proof cannot be read is listed without it, and ``log`` takes why. What a proof is for was
-    computed again before it was made; without one it is computed here.
+    What cannot be shown is named with its reason and does not stop the others.
 
     Raises:
-        UsageError: there is no such directory.
-        RunDirectoryError: a file cannot be read or written.
+        UsageError: there is no directory of submissions.
+        RunDirectoryError: a file cannot be written, or ``output`` has files and is not a board.
     """
-    findings = []
-    for directory in find_submissions(submissions):
-        findings.append(validate(directory, trust_proofs=True))
-        try:
-            proof.read_proof(proof.proof_path(directory))
-        except RunDirectoryError as error:
-            log(f"{printable(directory.name)} is listed without a proof: {error}")
-    board = make_board(findings)
+    if files.entries_of(output) and not (output / BOARD_FILE).is_file():
+        raise RunDirectoryError(f"{output} is not empty and has no {BOARD_FILE}: choose another")
+    played, waiting, left_out = read_rows(submissions, results)
+    board = make_board(played, waiting, left_out)
     shown = views.views(board)
-    page_folder = output / PAGES
-    for folder in (page_folder, output / SITE_PICTURES):
-        files.make_folder(folder)
-    rows = {row.name: row for row in board.rows}
-    written = set()
+    page_folder = files.make_folder(output / PAGES)
     write_file(output / "leaderboard.md", views.board_markdown(board, shown))
     write_file(output / BOARD_FILE, write_json(board))
     write_file(output / "index.html", index_html(board, shown))
-    for found in findings:
-        if found.passed:
-            page = page_folder / f"{found.submission.name}.html"
-            write_file(page, submission_page(found, rows[page.stem], board), durable=False)
-            written |= {page, *_copy_videos(found, page_folder)}
-    _remove_others(page_folder, written)
+    rows = {row.name: row for row in board.rows}
+    for one in played:
+        row = rows[one.submission.name]
+        page = submission_page(one, row, board)
+        write_file(page_folder / f"{row.name}.html", page, durable=False)
+    for path in page_folder.glob("*.html"):
+        if path.stem not in rows and path.is_file() and not path.is_symlink():
+            with files.os_errors_as(RunDirectoryError, path, "removed"):
+                path.unlink()
     for task in BOARD_TASKS:
         picture = pages.PICTURES / f"{task}.png"
         write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
     return board
 
 
-def find_submissions(directory: Path) -> list[Path]:
-    """Return the directories of submissions; names that begin with "_" or "." are none.
+def read_rows(
+    submissions: Path, results: Path
+) -> tuple[list[PlayedRow], list[LeftOut], list[LeftOut]]:
+    """Return the rows that were played, the submissions that wait, and what cannot be shown.
 
     Raises:
-        UsageError: there is no such directory, or it cannot be read.
+        UsageError: there is no directory of submissions.
     """
-    with os_errors_as(UsageError, directory, "read"):
-        if directory.is_dir():
-            return sorted(
-                path
-                for path in directory.iterdir()
-                if not path.name.startswith(("_", ".")) and (path.is_dir() or path.is_symlink())
-            )
-    raise UsageError(f"{directory} is no directory of submissions; name one with --submissions")
-
-
-def _copy_videos(found: SubmissionFindings, folder: Path) -> Iterator[Path]:
-    """Copy a submission's videos beside its page, and yield where each of them is then."""
-    for path in found.videos():
-        source, target = found.directory / path, folder / video_address(found.submission.name, path)
-        files.make_folder(target.parent)
-        with os_errors_as(RunDirectoryError, source, "copied"):
-            write_file(target, files.read_file(source, MAX_VIDEO), durable=False)
-        yield target
-
-
-def video_address(name: str, path: str) -> str:
-    """Return where a submission's video lies beside its page."""
-    # The parts were checked: seed, suite, "videos", and a plain name.
-    return f"{name}/{path.replace(f'/{files.VIDEOS}/', '-').replace('/', '-')}"
-
-
-def _remove_others(folder: Path, written: Container[Path]) -> None:
-    """Remove the pages and videos of an earlier board that this one does not have.
-
-    No link is followed, and what is called otherwise than they are stays.
-    """
-    inner = [*filter(files.is_folder, folder.iterdir())]
-    videos = chain.from_iterable(one.glob("seed-*.mp4") for one in inner)
-    with os_errors_as(RunDirectoryError, folder, "cleared"):
-        for path in (*folder.glob("*.html"), *videos):
-            if path not in written and path.is_file() and not path.is_symlink():
-                path.unlink()
-        for one in inner:
-            with suppress(OSError):  # something is in it
-                one.rmdir()
+    played, waiting, left_out = [], [], []
+    names = set()
+    for directory in find_submissions(submissions):
+        name = directory.name
+        names.add(name)
+        if problem := next(check_submission(directory), ""):
+            left_out.append(LeftOut(printable(name), problem))
+            continue
+        entry = Entry.open(directory, results)
+        try:
+            row = PlayedRow.read(entry)
+        except RunDirectoryError as error:
+            left_out.append(LeftOut(name, f"{error}: minitouch-bench leaderboard play {name}"))
+            continue
+        if row.official:
+            played.append(row)
+        if missing := [suite for suite in entry.submission.suites if suite not in row.official]:
+            reason = row.row.waiting or f"minitouch-bench leaderboard play {name}"
+            waiting.append(LeftOut(name, f"{', '.join(missing)}: {reason}"))
+    folders = find_submissions(results) if results.is_dir() else []
+    alone = [folder.name for folder in folders if folder.name not in names]
+    left_out += [LeftOut(printable(name), "results without a submission") for name in alone]
+    return played, waiting, left_out
 
 
 # The index
@@ -149,8 +130,6 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
         views=shown,
         columns={name: column for name, column in COLUMN_SPECS.items() if column.place == "column"},
         beside={name: column for name, column in COLUMN_SPECS.items() if column.place == "name"},
-        levels=list(proof.ProofLevel),
-        meanings=proof.MEANINGS,
         modalities={
             name: meaning
             for name, meaning in MODALITIES.items()
@@ -162,13 +141,15 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
     )
 
 
-# The page of a submission
+# The page of a row
 
 
-def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> str:
-    """Write the page of a submission, whose row is on the ``board``."""
-    path = f"{found.directory.resolve().parent.name}/{row.name}"
+def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
+    """Write the page of a row of the ``board``."""
+    path = f"{files.SUBMISSIONS}/{row.name}"
+    policy = row.name if row.is_calibration else f"{path}/seed-{row.training_seeds[0]}"
     ranks = {key: f"rank {rank}" for key, rank in row.ranks.items()}
+    main = played.official.get(MAIN_SUITE, ())
     return pages.render_page(
         TEMPLATES / "submission.html.j2",
         STYLES,
@@ -176,44 +157,37 @@ def submission_page(found: SubmissionFindings, row: BoardRow, board: Board) -> s
         protocol=PROTOCOL.name,
         row=row,
         facts=COLUMN_SPECS,
-        seeds=found.submission.seeds,
-        runs=found.runs,
+        submission=played.submission,
+        draws=played.draws(),
+        runs=[run for runs in played.official.values() for run in runs],
         path=path,
-        rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if ranks else "",
+        policy=policy,
+        rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if OVERALL in ranks else "",
         why=[
-            (task_title(key), ranks[key], views.explain_rank(board, row, key))
+            (_title(key), ranks[key], views.explain_rank(board, row, key))
             for key in RANKED_BY
-            if ranks
+            if key in ranks
         ],
-        can_be_run=proof.can_be_run(found.runs),
-        level=list(proof.ProofLevel).index(row.proof),
-        meaning=proof.MEANINGS[row.proof],
-        cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS),
+        cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS if main),
         values=_values(row),
+        trainings=_trainings(row, main) if len(main) > 1 else None,
         gaps=_gaps(row) if row.novel_shapes else None,
-        figures=submission_figures(found),
-        episodes=pages.browser_data(
-            [
-                pages.BrowsedRun(folder, run, f"{path}/{folder}")
-                for folder, run in found.runs.items()
-            ]
-        ),
-        videos=[
-            Video(_caption(found, video), video_address(row.name, video))
-            for video in found.videos()
-        ],
-        faults=_faults(found.runs),
+        fresh=_fresh(row),
+        figures=submission_figures(played) if main else (),
+        episodes=pages.browser_data([_browsed(row, run, path) for run in main]),
+        faults=_faults(played.official),
     )
 
 
-def _caption(found: SubmissionFindings, video: str) -> str:
-    """Return what a video shows, and how that episode ended."""
-    folder, stem = video.partition(f"/{files.VIDEOS}/")[0], Path(video).stem
-    for spec, episode in found.runs[folder].specs_and_rows():
-        if spec.key.replace("/", "-") == stem:
-            ending, steps = pages.ending_of(episode), episode.steps
-            return f"{folder}, {spec.key}: {ending}, {steps} control steps"
-    return stem
+def _title(key: str) -> str:
+    suite, _, task = key.rpartition("/")
+    return f"{task_title(task)}, {suite}" if suite else task_title(task)
+
+
+def _browsed(row: BoardRow, run: Run, path: str) -> pages.BrowsedRun:
+    place = run.name.partition("/")[2]
+    policy = row.name if row.is_calibration else f"{path}/{place.partition('/')[0]}"
+    return pages.BrowsedRun(place, replace(run, exploration_rows=()), policy=policy)
 
 
 def _card(row: BoardRow, task: str, rank: str) -> pages.Card:
@@ -241,6 +215,47 @@ def _values(row: BoardRow) -> Table:
     )
 
 
+def _trainings(row: BoardRow, runs: Sequence[Run]) -> Table:
+    """Lay out what ranks each task, and its exploration, by training seed."""
+    wanted = [(task, RANKED_BY[task]) for task in BOARD_TASKS]
+    wanted += [(task, "exploration") for task in BOARD_GOALS if row.estimate(task, "exploration")]
+    rows = (
+        Row(
+            (str(seed),),
+            tuple(
+                labels.estimate_cell(name, run[task].estimates.get(name)) for task, name in wanted
+            ),
+        )
+        for seed, run in zip(row.training_seeds, runs, strict=True)
+    )
+    titles = (f"{task_title(task)}: {METRICS[name].label.lower()}" for task, name in wanted)
+    notes = ("Brackets: 95 % interval over episodes.",)
+    return Table(
+        "By training seed", ("Seed",), tables.make_columns(*titles), tuple(rows), notes=notes
+    )
+
+
+def _fresh(row: BoardRow) -> Table:
+    """Lay out the official and the fresh value of what ranks each table."""
+    rows = []
+    for key, metrics in row.fresh.items():
+        for name in dict.fromkeys((RANKED_BY[key], "exploration")):
+            if name in metrics and key != OVERALL:
+                both = (row.figures[key][name], metrics[name])
+                head = (_title(key), METRICS[name].label)
+                rows.append(Row(head, tuple(labels.estimate_cell(name, one) for one in both)))
+    return Table(
+        title="Fresh episodes",
+        corner=("Task", "Metric"),
+        columns=tables.make_columns("Official", f"Fresh, {FRESH_EPISODES} per task and training"),
+        rows=tuple(rows),
+        notes=(
+            "One joint test over tasks, trainings, suites and exploration: p = "
+            f"{row.drop_p:.2g} that an equally good policy drops as much.",
+        ),
+    )
+
+
 def _gaps(row: BoardRow) -> Table:
     rows = (
         Row(
@@ -253,20 +268,22 @@ def _gaps(row: BoardRow) -> Table:
     return Table("Novel shapes", ("Task", "Metric"), columns, tuple(rows))
 
 
-def _faults(runs: Mapping[str, Run]) -> Mapping[str, Sequence[str]]:
-    """Return each fault's text with its episodes, which a run names where there are several."""
+def _faults(runs: Mapping[str, Sequence[Run]]) -> Mapping[str, Sequence[str]]:
+    """Return each fault's text with its episodes, each named with its run."""
     return group_faults(
-        (f"{folder} {key}" if len(runs) > 1 else key, text)
-        for folder, run in runs.items()
+        (f"{run.name.partition('/')[2]} {key}", text)
+        for of_suite in runs.values()
+        for run in of_suite
         for key, text in run.faults.items()
     )
 
 
-def submission_figures(found: SubmissionFindings) -> tuple[Figure, ...]:
-    """Return how long a submission's episodes last, and its touch over time."""
-    several = "; a line per training seed" if len(found.submission.seeds) > 1 else ""
-    played = {task: [*chain(*found.episodes(task))] for task in BOARD_GOALS}
+def submission_figures(played: PlayedRow) -> tuple[Figure, ...]:
+    """Return how long a row's episodes last, and its touch over time."""
+    runs = played.official[MAIN_SUITE]
+    several = "; a line per training seed" if len(runs) > 1 else ""
+    episodes = {task: [*chain(*played.episodes(task))] for task in BOARD_GOALS}
     return (
-        steps_figure({task: {"": episodes} for task, episodes in played.items()}),
-        touch_figure(BOARD_TASKS, found.runs_on(MAIN_SUITE), more=several),
+        steps_figure({task: {"": rows} for task, rows in episodes.items()}),
+        touch_figure(BOARD_TASKS, runs, more=several),
     )

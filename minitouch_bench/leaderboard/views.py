@@ -14,15 +14,22 @@ from minitouch_bench.leaderboard.board import (
     TOUCH_METRICS,
     Board,
     BoardRow,
-    LeftOut,
     in_order,
 )
-from minitouch_bench.leaderboard.ranking import GAP_TASKS, MEAN_SUCCESS, OVERALL, RANKED_BY, Rank
-from minitouch_bench.leaderboard.submission import BOARD_GOALS, BOARD_TASKS
+from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
+from minitouch_bench.leaderboard.ranking import (
+    BOARD_GOALS,
+    BOARD_TASKS,
+    MEAN_SUCCESS,
+    OVERALL,
+    RANKED_BY,
+    Rank,
+    board_key,
+)
 from minitouch_bench.metrics import definitions
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS
-from minitouch_bench.protocol.minitouch import NOVEL_SHAPES
+from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
@@ -41,7 +48,7 @@ SEED_VARIANCE = (
 
 @dataclass(frozen=True)
 class BoardLine:
-    """A line of a view; ``row`` is None for the paper's and for a calibration not yet run.
+    """A line of a view; ``row`` is None for the paper's.
 
     ``why``: what decides its rank, "" where it has none.
     """
@@ -81,11 +88,11 @@ class BoardView:
 
 
 def views(board: Board) -> tuple[BoardView, ...]:
-    """Return every table of a board."""
+    """Return every table of a board that has rows, and those of the main suite in any case."""
     return (
         _overall(board),
         *(_task(board, task) for task in BOARD_TASKS),
-        _novel(board),
+        *([_novel(board)] if any(row.novel_shapes for row in board.rows) else []),
         _touch(board),
     )
 
@@ -97,8 +104,8 @@ def _overall(board: Board) -> BoardView:
         *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
     )
     lead = f"Ordered by the mean success over {listed(goals)}."
-    lines = _lines(board, OVERALL, [*RANKED_BY.items()])
-    return BoardView(OVERALL, "Overall", lead, columns, lines)
+    wanted = [(key, RANKED_BY[key]) for key in (OVERALL, *BOARD_TASKS)]
+    return BoardView(OVERALL, "Overall", lead, columns, _lines(board, OVERALL, wanted))
 
 
 def _task(board: Board, task: str) -> BoardView:
@@ -120,24 +127,30 @@ def _touch(board: Board) -> BoardView:
 
 
 def _novel(board: Board) -> BoardView:
+    tasks = PROTOCOL.suite(NOVEL_SHAPES).tasks
     columns = (
         Column(label, f"{task_title(task)}: {_label(task)}")
-        for task in GAP_TASKS
+        for task in tasks
         for label in ("Held-out", "Train", "Gap")
     )
     lead = (
         "Shapes that training never sees beside as many that it may see. Gap: held-out minus "
-        "train. In the overall order."
+        "train. In the overall order; ranks are by the held-out shapes of a task."
     )
-    lines = (replace(line, cells=tuple(_gap_cells(line.row))) for line in _heads(board, OVERALL))
+    lines = (
+        replace(line, rank=None, why="", cells=tuple(_gap_cells(line.row, tasks)))
+        for line in _heads(board, OVERALL)
+        if line.row and line.row.novel_shapes
+    )
     return BoardView(NOVEL_SHAPES, "Novel shapes", lead, tuple(columns), tuple(lines))
 
 
-def _gap_cells(row: BoardRow | None) -> Iterator[Cell]:
-    for task in GAP_TASKS:
-        gap = row.novel_shapes.get(task) if row else None
-        held_out, train, difference, _ = gap_cells(task, RANKED_BY[task], gap)
-        yield from (with_learned(held_out, row, task), train, difference)
+def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:
+    for task in tasks:
+        held_out, train, difference, _ = gap_cells(task, RANKED_BY[task], row.novel_shapes[task])
+        if rank := row.ranks.get(board_key(NOVEL_SHAPES, task)):
+            held_out = replace(held_out, small=f"{held_out.small}, rank {rank}")
+        yield from (held_out, train, difference)
 
 
 def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[BoardLine, ...]:
@@ -145,6 +158,7 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[B
     lines = [
         replace(line, cells=tuple(_cell(line.row, *names) for names in wanted))
         for line in _heads(board, key)
+        if line.row and key in line.row.figures
     ]
     for method in PAPER_METHODS:
         cells = tuple(labels.paper_cell(*names, method) for names in wanted)
@@ -153,16 +167,16 @@ def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[B
     return tuple(lines)
 
 
-def _cell(row: BoardRow | None, task: str, metric: str) -> Cell:
-    estimate = row.estimate(task, metric) if row else None
-    cell = labels.estimate_cell("success" if metric == MEAN_SUCCESS else metric, estimate)
-    is_first = metric in (RANKED_BY[task], TOUCH_METRICS[0])  # of the row's cells of the task
-    return with_learned(cell, row, task) if is_first else cell
+def _cell(row: BoardRow, key: str, metric: str) -> Cell:
+    name = "success" if metric == MEAN_SUCCESS else metric
+    cell = labels.estimate_cell(name, row.estimate(key, metric))
+    is_first = metric in (RANKED_BY[key], TOUCH_METRICS[0])  # of the row's cells of the task
+    return with_learned(cell, row, key) if is_first else cell
 
 
-def with_learned(cell: Cell, row: BoardRow | None, task: str) -> Cell:
+def with_learned(cell: Cell, row: BoardRow, key: str) -> Cell:
     """Write beside a value how many of the row's training seeds learned the task."""
-    learned = row.learned_in(task) if row and cell.text != tables.ABSENT else ""
+    learned = row.learned_in(key) if cell.text != tables.ABSENT else ""
     return replace(cell, small=f"{cell.small}, {learned}") if learned else cell
 
 
@@ -175,10 +189,10 @@ def _heads(board: Board, key: str) -> Iterator[BoardLine]:
     )
     for kind, rows in groups:
         for row in rows:
-            why = explain_rank(board, row, key) if kind == RANKED else ""
-            yield BoardLine(kind, row.name, row.method, row.ranks.get(key), row, why=why)
-    for name in board.missing_calibration:
-        yield BoardLine(CALIBRATION, name, "not submitted yet", None, None)
+            rank = row.ranks.get(key)
+            why = explain_rank(board, row, key) if rank else ""
+            note = f"{row.method}; {row.why_no_rank}" if kind == UNRANKED else row.method
+            yield BoardLine(kind, row.name, note, rank, row, why=why)
 
 
 SHOWN_UNDECIDED = 3
@@ -214,8 +228,6 @@ def _label(task: str) -> str:
 
 # Markdown
 
-SHOWN_REASONS = 3
-
 TABLE_COLUMNS = {name: column for name, column in COLUMN_SPECS.items() if column.place != "page"}
 
 
@@ -226,11 +238,18 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
     for view in shown:
         parts += ["", f"## {view.title}", "", escape_md(view.lead), ""]
         parts += tables.table_lines(view.table())
-        why = [line for line in view.lines if line.why and view.key in RANKED_BY]
-        parts += ["", *(f"- **{escape_md(line.name)}**: {escape_md(line.why)}" for line in why)]
+        parts += [
+            "",
+            *(
+                f"- **{escape_md(one.name)}**: {escape_md(one.why)}"
+                for one in view.lines
+                if one.why
+            ),
+        ]
     parts += ["", "## Submissions", "", *tables.table_lines(_about(board))]
-    parts += _left_out("Other protocols, not ranked", board.other_protocol)
-    parts += _left_out("Left out", board.refused)
+    for title, refusals in (("Waiting to be played", board.waiting), ("Left out", board.left_out)):
+        parts += ["", f"## {title}", ""] if refusals else []
+        parts += [f"- **{escape_md(one.name)}**: {escape_md(one.reason)}" for one in refusals]
     parts += ["", *(f"- {escape_md(note)}" for note in notes())]
     return "\n".join(parts) + "\n"
 
@@ -240,10 +259,15 @@ def notes() -> tuple[str, ...]:
     intervals = definitions.intervals_in_words(ranking.BOARD_METRICS)
     floors = [f"{value:.2f} in {task_title(task)}" for task, value in ranking.FLOOR_SUCCESS.items()]
     return (
+        "Every row was played on a maintainer's machine from the submission's checkpoints: the "
+        "official episodes, and fresh ones whose seeds were drawn afterwards. A row that is "
+        f"significantly worse in the fresh ones (one test, at {SIGNIFICANCE:.0%}) has no rank.",
         "A rank is 1 + the number of rows that are significantly better; its range ends before "
         "the rows that are significantly worse. All pairs of rows of a table are tested together "
         f"at {ALPHA_IN_WORDS} (Holm). A row of several training seeds is compared as a method, a "
         "row of one as a checkpoint. Where a method fails in some seeds, the tests err more often.",
+        "Rows of several trainings are in the order of their values. A row of one training comes "
+        "below every row whose interval reaches its value: one training can be a lucky one.",
         "p is corrected for all pairs of the table. With the number of training seeds per row that "
         "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "
@@ -270,13 +294,3 @@ def _about(board: Board) -> Table:
         Column(spec.label, unit=spec.unit, is_text=spec.is_text) for spec in TABLE_COLUMNS.values()
     )
     return Table("Submissions", ("Submission",), tuple(columns), tuple(rows))
-
-
-def _left_out(title: str, refusals: Sequence[LeftOut]) -> Iterator[str]:
-    if refusals:
-        yield from ("", f"## {title}", "")
-    for refusal in refusals:
-        yield f"- **{escape_md(refusal.name)}**"
-        yield from (f"  - {escape_md(reason)}" for reason in refusal.reasons[:SHOWN_REASONS])
-        if (more := len(refusal.reasons) - SHOWN_REASONS) > 0:
-            yield f"  - and {more} more"

@@ -1,11 +1,11 @@
 """What a metric is, and every metric in one table.
 
 Columns of ``episodes.csv``, estimates of ``run.json`` and its schema, rows of Table 4, columns
-of the diagnostics and of the leaderboard all follow from METRICS. A new metric is an entry there with its statistic. If it is derived from what
-episodes already hold, it is ``added_later``: stored runs stay valid, their reports show a dash, and
-``compare`` and ``regress`` compute it. If it is measured in each episode, it also needs a field of
-``episode.Episode``, which makes a new version of ``run.json`` (``runs.run.RUN_VERSION``);
-older runs are not read.
+of the diagnostics and of the leaderboard all follow from METRICS. A new metric is an entry there
+with its statistic. If it is derived from what episodes already hold, it is ``added_later``: stored
+runs stay valid, their reports show a dash, and ``compare`` and ``regress`` compute it. If it is
+measured in each episode, it also needs a field of ``episode.Episode``, which makes a new version of
+``run.json`` (``runs.run.RUN_VERSION``); older runs are not read.
 """
 
 import dataclasses
@@ -61,8 +61,9 @@ class Metric:
 
     ``measure`` reads a finished episode and fills ``field`` of Episode, by default the one
     of the metric's name. ``derive`` gives the metric's value in a measured episode, by default
-    what that field holds. A metric has one of the two, or both. ``column`` of ``episodes.csv`` holds
-    the field of its name, or where there is none the value; "" for a metric that has no column.
+    what that field holds. A metric has one of the two, or both. ``column`` of ``episodes.csv``
+    holds the field of its name, or where there is none the value; "" for a metric that has no
+    column.
 
     ``statistic``: what the episodes' values are condensed to. ``role``: whose episodes are counted.
     ``needs_goal``: only tasks with a goal have the metric. ``added_later``: there are runs without

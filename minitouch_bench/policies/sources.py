@@ -9,15 +9,18 @@ import io
 import re
 import urllib.parse
 import zipfile
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
 
 from minitouch_bench import files
-from minitouch_bench.episode import Role
+from minitouch_bench.episode import Role, Sha256
 from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, UsageError, describe
-from minitouch_bench.json_io import read_toml
+from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import DIRECTORY, PolicySource
@@ -42,6 +45,70 @@ SERVERS = ("http://", "https://")
 HUB = "hf://"
 HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)(?:@([^/@]+))?/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
+
+
+ALL_TASKS = "all"
+"""The task of a checkpoint that serves every task."""
+
+FILE_NAME = Meta(
+    pattern=whole(r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,126}[A-Za-z0-9]"),
+    description="A file name of letters, digits, '.', '_', '-', that begins and ends with a "
+    "letter or digit, without '..'.",
+)
+ADDRESS = Meta(
+    pattern=whole(r"(?:hf://[\w-][\w.-]*/[\w-][\w.-]*@[0-9a-f]{40}(?:/[\w-][\w.-]*)+)?"),
+    description="A file on the Hub at a full commit, hf://USER/REPO@COMMIT/FILE, or nothing.",
+)
+
+
+@dataclass(frozen=True)
+class CheckpointFile:
+    """One file of a submitted policy.
+
+    ``task``: a task, or "all" where one file serves every task. ``address``: where it is fetched
+    from on the Hub, "" for a file of the submission.
+    """
+
+    role: Role
+    task: Annotated[str, Meta(pattern=whole("|".join((ALL_TASKS, *TASK_NAMES))))]
+    file: Annotated[str, FILE_NAME]
+    sha256: Sha256
+    address: Annotated[str, ADDRESS] = ""
+
+
+@dataclass(frozen=True)
+class SubmittedTraining:
+    """One training of a submitted method: its seed, and the checkpoints of its policies."""
+
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    checkpoints: tuple[CheckpointFile, ...] = ()
+
+    @property
+    def folder(self) -> str:
+        """What the training is called in its submission."""
+        return f"seed-{self.seed}"
+
+    def files(self, role: Role) -> tuple[CheckpointFile, ...]:
+        """Return the files of one role."""
+        return tuple(file for file in self.checkpoints if file.role is role)
+
+    def place(self, file: CheckpointFile) -> str:
+        """Return where a file lies in the submission: the only place that there is for it."""
+        return f"{files.CHECKPOINTS}/{self.folder}/{file.role}/{file.file}"
+
+    def digest(self, role: Role) -> str:
+        """Return the digest of a role's policy as runs record it, "" where there is none."""
+        listed = self.files(role)
+        if [file.task for file in listed] == [ALL_TASKS]:
+            return listed[0].sha256
+        return directory_digest((file.file, file.sha256) for file in listed) if listed else ""
+
+
+@dataclass(frozen=True)
+class Submitted:
+    """What is read of a submission to find its policies."""
+
+    trainings: tuple[SubmittedTraining, ...]
 
 
 def is_remote(text: str) -> bool:
@@ -74,8 +141,13 @@ def parse_source(
     path = Path(text)
     with files.os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
-    if is_directory:
-        source = _parse_directory(path, role)
+    is_training = not exists and (path.parent / files.SUBMISSION_FILE).is_file()
+    if is_directory or is_training:
+        source = (
+            _parse_submission(path.parent, role, path.name)
+            if is_training
+            else _parse_directory(path, role)
+        )
         for task in tasks:
             source.for_task(task)
         return source
@@ -172,21 +244,46 @@ def directory_digest(listed: Iterable[tuple[str, str]]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _parse_submission(path: Path, role: Role) -> PolicySource:
-    folders = path.glob(f"{files.CHECKPOINTS}/seed-*/{role}")
-    folder = min(folders, key=lambda path: (len(path.parent.name), path.parent.name), default=None)
-    if folder is None:
-        raise PolicyLoadError(f"{path} is a submission without {role} checkpoints")
-    for part in (path / files.CHECKPOINTS, folder.parent, folder):
+def _parse_submission(path: Path, role: Role, folder: str = "") -> PolicySource:
+    """Find the policy of a training of a submission; of its first one without ``folder``."""
+    with _as_load_errors():
+        table = read_toml(path / files.SUBMISSION_FILE)
+        submitted = take_table({"trainings": table.get("trainings", [])}, Submitted, str(path))
+    trainings = {training.folder: training for training in submitted.trainings}
+    training = trainings.get(folder or next(iter(trainings), ""))
+    if training is None:
+        known = f"; it has {', '.join(trainings)}" if trainings else ""
+        raise PolicyLoadError(f"{path} has no training {folder}{known}".replace("  ", " "))
+    listed = training.files(role)
+    if not listed:
+        raise PolicyLoadError(f"{path / training.folder} has no {role} checkpoints")
+    folders = [path / files.CHECKPOINTS / training.folder / role]
+    for part in (*folders, *folders[0].parents[:2]):
         if part.is_symlink():
             raise PolicyLoadError(f"{part} cannot be read: it is a symbolic link")
-    with files.os_errors_as(PolicyLoadError, folder, "read"):
-        found = [file for file in folder.iterdir() if file.suffix in KIND_BY_SUFFIX]
-    is_one_for_all = len(found) == 1 and found[0].stem not in TASK_NAMES
-    source = (
-        _parse_file(found[0], follow=False) if is_one_for_all else _parse_directory(folder, role)
-    )
-    return replace(source, name=path.resolve().name)
+    sources = {}
+    for file in listed:
+        if file.address:
+            sources[file] = _parse_hub(file.address, contact=True)
+        else:
+            sources[file] = _parse_file(path / training.place(file), follow=False)
+        if sources[file].digest != file.sha256:
+            raise PolicyLoadError(f"{file.file}: its SHA-256 is not that of submission.toml")
+    name = path.resolve().name
+    if listed[0].task == ALL_TASKS:
+        return replace(sources[listed[0]], name=name)
+    digest = directory_digest((file.file, file.sha256) for file in listed)
+    parts = tuple((file.task, source) for file, source in sources.items())
+    return PolicySource(DIRECTORY, name, str(path / training.folder), digest, parts)
+
+
+@contextmanager
+def _as_load_errors() -> Iterator[None]:
+    """Raise what is wrong with a file that names policies as a ``PolicyLoadError``."""
+    try:
+        yield
+    except UsageError as error:
+        raise PolicyLoadError(str(error)) from error
 
 
 def _parse_directory(path: Path, role: Role) -> PolicySource:

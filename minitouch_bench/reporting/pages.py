@@ -197,14 +197,16 @@ class BrowsedRun:
 
     ``path``: what ``replay`` takes as the run, wherever the page is. ``address``: of the run's
     directory, relative to the page; a page that is opened from a disk shows the path it leads to.
-    ``viewers``: addresses of the viewers that were made, by episode.
+    ``viewers``: addresses of the viewers that were made, by episode. ``policy``: what ``evaluate``
+    takes, for a run whose actions are not kept; ``path`` is "" then.
     """
 
     title: str
     run: Run
-    path: str
+    path: str = ""
     address: str = ""
     viewers: Mapping[str, str] = field(default_factory=dict)
+    policy: str = ""
 
 
 def find_viewers(run: Run, replays: Path, page: Path) -> dict[str, str]:
@@ -240,6 +242,7 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
             {
                 "title": one.title,
                 "path": one.path,
+                "policy": one.policy,
                 "address": one.address,
                 "viewers": one.viewers,
                 "groups": list(_groups(one.run, tasks)),

@@ -1,6 +1,7 @@
-"""``submission.toml``: written, read back, and as its published schema describes it."""
+"""``submission.toml`` and the files beside it: written, read back, and what is refused."""
 
 import json
+import os
 import tomllib
 from dataclasses import replace
 
@@ -13,29 +14,27 @@ from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.submission import (
-    CheckpointFile,
-    Submission,
-    TrainingSeed,
+    check_submission,
+    find_equal,
+    mistakes,
     read_submission,
 )
-from minitouch_bench.verification.static_check import Problems
+from minitouch_bench.policies.sources import CheckpointFile, SubmittedTraining
 from tests.altered import DOCS, ROOT
-from tests.leaderboard.synthetic import ABOUT
+from tests.leaderboard.synthetic import ABOUT, make_submission
 
 STORED = sorted(path.parent for path in ROOT.glob("submissions/*/submission.toml"))
-SEEDS = (
-    TrainingSeed(
+ADDRESS = f"hf://user/repo@{'ab' * 20}/pushing.pt"
+TRAININGS = (
+    SubmittedTraining(
         0,
-        {"table4": "seed-0/table4", "novel-shapes": "seed-0/novel-shapes"},
         (
-            CheckpointFile(
-                Role.FINAL, "all", "hac.onnx", "ab" * 32, "checkpoints/seed-0/final/hac.onnx"
-            ),
-            CheckpointFile(Role.EXPLORATION, "pushing", "pushing.pt", "cd" * 32),
+            CheckpointFile(Role.FINAL, "all", "hac.onnx", "ab" * 32),
+            CheckpointFile(Role.EXPLORATION, "pushing", "pushing.pt", "cd" * 32, ADDRESS),
         ),
     ),
-    TrainingSeed(3, {"table4": "seed-3/table4"}),
 )
+WHOLE = replace(ABOUT, trainings=TRAININGS)
 
 
 @pytest.mark.parametrize(
@@ -52,24 +51,27 @@ def schema(name: str) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(document)
 
 
-def read(text: str) -> tuple[Submission, list[str]]:
-    problems = Problems()
-    return read_submission(text.encode(), problems), [str(problem) for problem in problems]
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text):
+        (tmp_path / "submission.toml").write_text(text)
+        return read_submission(tmp_path)
+
+    return read_text
 
 
 @pytest.mark.parametrize(
     "about",
     [
-        ABOUT,
-        replace(
-            ABOUT, method='A "quoted" \\ method; ü, 触', notes="", authors=(), paper="", code=""
-        ),
-        replace(ABOUT, training_steps=0, modalities=("touch",), license=""),
+        WHOLE,
+        replace(WHOLE, method='A "quoted" \\ method; ü, 触', notes="", authors=(), paper=""),
+        replace(WHOLE, training_steps=0, modalities=("touch",), license=""),
     ],
 )
-def test_what_is_written_is_read_back(about):
-    submission = replace(about, seeds=SEEDS)
-    assert read(write_toml(submission)) == (submission, [])
+def test_what_is_written_is_read_back(read, about):
+    assert read(write_toml(about)) == about
+    assert schema("submission.schema.json").is_valid(tomllib.loads(write_toml(about)))
+    assert [*mistakes(about)] == []
 
 
 @pytest.mark.parametrize(
@@ -81,8 +83,10 @@ def test_what_is_written_is_read_back(about):
         *(("code", link) for link in ("https://localhost", "https://a.org/" + "x" * 300)),
         *(("license", text) for text in ("do what you want!", "MIT\n")),
         ("training_steps", -1),
-        *(("modalities", given) for given in (["smell"], ["touch", "touch"])),
-        ("seeds", []),
+        ("modalities", ["smell"]),
+        ("suites", ["smoke"]),
+        ("suites", []),
+        ("trainings", []),
         ("extra", 1),
         *(("method", text) for text in ("", "<b>", "two\nlines", "a line\n", "two  spaces", " a")),
         *(("authors", [text]) for text in ("=SUM(A1)", "@SUM(A1)", "+1")),
@@ -90,39 +94,113 @@ def test_what_is_written_is_read_back(about):
         *(("file", name) for name in ("a:b.onnx", "a.onnx.", "a.onnx\n", "../a", ".a")),
         ("sha256", "ab" * 32 + "\n"),
         ("task", "all\n"),
+        ("address", "hf://user/repo/file.onnx"),  # without a commit it can change
     ],
 )
-def test_the_schema_refuses_what_the_reader_refuses(key, value):
-    document = tomllib.loads(write_toml(replace(ABOUT, seeds=SEEDS)))
-    checkpoint = document["seeds"][0]["checkpoints"][0]
-    (checkpoint if key in ("file", "sha256", "task") else document)[key] = value
+def test_the_schema_refuses_what_the_reader_refuses(read, key, value):
+    document = tomllib.loads(write_toml(WHOLE))
+    checkpoint = document["trainings"][0]["checkpoints"][0]
+    inner = ("file", "sha256", "task", "address")
+    (checkpoint if key in inner else document)[key] = value
     assert not schema("submission.schema.json").is_valid(document)
-    assert any(key in problem for problem in read(tomli_w.dumps(document))[1])
+    with pytest.raises(UsageError, match=key):
+        read(tomli_w.dumps(document))
 
 
-@pytest.mark.parametrize("name", ["nul", "x.y", "a-1"])
-def test_names_that_are_let_in(name):
-    file = replace(SEEDS[0].checkpoints[1], file=f"{name}.ONNX")
-    submission = replace(ABOUT, name=name, seeds=(replace(SEEDS[0], checkpoints=(file,)),))
-    assert read(write_toml(submission)) == (submission, [])
+@pytest.mark.parametrize("text", ["", "format = 1", 'format = "minitouch-submission"', "x" * 70_000])
+def test_another_file_is_not_a_submission(read, text):
+    with pytest.raises(UsageError, match="submission.toml"):
+        read(text)
 
 
-@pytest.mark.parametrize("text", ["a\u202eb", "a\u200bb", "e\u0301", "a\u2028b"])
-def test_characters_that_no_pattern_names(text):
-    (problem,) = read(write_toml(replace(ABOUT, method=text, seeds=SEEDS)))[1]
-    assert "method" in problem
+FINAL, EXPLORED = TRAININGS[0].checkpoints
+OWN = replace(EXPLORED, address="")
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        *(({"method": text}, "unseen") for text in ("a\u202eb", "a\u200bb", "e\u0301", "a\u2028b")),
+        ({"method": "HaC (paper)"}, "paper"),
+        ({"learner": ""}, "learner"),
+        ({"modalities": ("touch", "touch")}, "modalities"),
+        ({"suites": ("table4", "table4")}, "suites"),
+        ({"modalities": ()}, "modalities"),
+        ({"modalities": ("state",)}, "state"),
+        ({"trainings": TRAININGS * 2}, "twice"),
+        ({"trainings": (*TRAININGS, replace(TRAININGS[0], seed=1))}, "same final checkpoints"),
+        ({"trainings": (SubmittedTraining(0),)}, "no final checkpoint"),
+        ({"trainings": (SubmittedTraining(0, (FINAL, replace(OWN, role=Role.FINAL))),)}, "one file"),
+        (
+            {"trainings": (SubmittedTraining(0, (FINAL, replace(OWN, sha256=FINAL.sha256))),)},
+            "is the final policy",
+        ),
+        ({"trainings": (SubmittedTraining(0, (replace(FINAL, file="hac.bin"),)),)}, "not a check"),
+        ({"trainings": (SubmittedTraining(0, (replace(FINAL, task="opening"),)),)}, "its task"),
+        (
+            {"trainings": (SubmittedTraining(0, (replace(FINAL, address=ADDRESS),)),)},
+            "not the name",
+        ),
+        ({"name": "zero"}, "without checkpoints"),
+        ({"name": "scripted", "modalities": (), "trainings": (SubmittedTraining(0),)}, "state"),
+        (
+            {"trainings": (*TRAININGS, SubmittedTraining(1, (replace(FINAL, sha256="0" * 64),)))},
+            "no exploration policy",
+        ),
+    ],
+)
+def test_what_no_form_can_say_is_said(change, word):
+    found = [*mistakes(replace(WHOLE, **change))]
+    assert any(word in problem for problem in found), found
+
+
+def test_a_sound_submission_has_no_problem(submission):
+    assert [*check_submission(submission)] == []
+
+
+def add(directory, place, content=b""):
+    path = directory / place
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+
+
+FILE = "checkpoints/seed-0/final/hac.safetensors"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (lambda at: add(at, "notes.txt"), "notes.txt"),
+        (lambda at: add(at, "checkpoints/seed-0/final/other.pt"), "no such file"),
+        (lambda at: add(at, FILE, b"other bytes"), "SHA-256"),
+        (lambda at: (at / FILE).unlink(), "missing"),
+        (lambda at: (at / "link").symlink_to(at / FILE), "link"),
+        (lambda at: ((at / FILE).unlink(), (at / FILE).symlink_to("/etc/passwd")), "link"),
+        (lambda at: os.mkfifo(at / "pipe"), "pipe"),
+        (lambda at: (at / "submission.toml").unlink(), "submission.toml"),
+        (lambda at: at.rename(at.with_name("other")), "directory"),
+    ],
+)
+def test_a_spoiled_directory_is_refused(submission, spoil, word):
+    spoil(submission)
+    found = [*check_submission(submission if submission.exists() else submission.with_name("other"))]
+    assert any(word in problem for problem in found), found
+
+
+def test_a_checkpoint_that_another_submission_has_is_named(submission):
+    make_submission(submission.parent, "copy", content=(submission / FILE).read_bytes())
+    copy = read_submission(submission.with_name("copy"))
+    assert find_equal(submission.parent, copy) == {"hac.safetensors": "hac"}
+    assert find_equal(submission.parent, read_submission(submission)) == {"hac.safetensors": "copy"}
 
 
 @pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)
-def test_every_stored_submission_is_read_whole(directory):
-    submission, problems = read((directory / "submission.toml").read_text())
-    assert problems == []
-    assert submission.name == directory.name
-    tables = tomllib.loads((directory / "submission.toml").read_text())
-    assert tomllib.loads(write_toml(submission)) == tables
+def test_every_stored_submission_passes_and_is_written_as_it_is(directory):
+    assert [*check_submission(directory)] == []
+    text = (directory / "submission.toml").read_text()
+    assert tomllib.loads(write_toml(replace(read_submission(directory)))) == tomllib.loads(text)
 
 
-def test_a_key_of_many_parts_is_not_parsed():
-    content = b'format = "minitouch-submission"\nversion = 1\n' + b"a." * 32_000 + b"a = 1\n"
+def test_a_key_of_many_parts_is_not_parsed(read):
     with pytest.raises(UsageError, match="dots"):
-        read_submission(content, Problems())
+        read('format = "minitouch-submission"\nversion = 2\n' + "a." * 32_000 + "a = 1\n")

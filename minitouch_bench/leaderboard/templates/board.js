@@ -64,16 +64,14 @@
     button.addEventListener("click", () => sort(button.closest("table"), button.closest("th")));
   }
 
-  // Filters: every modality asked for; any of the levels of proof; the words in name or method.
+  // Filters: every modality asked for; the words in name, method or learner.
   const asked = (name) => [...controls.querySelectorAll(`input[name="${name}"]:checked`)].map((box) => box.value);
   const filter = () => {
     const modalities = asked("modality");
-    const levels = asked("proof");
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
     const wants = (row) => {
       const has = (row.dataset.modalities || "").split(" ");
       return modalities.every((one) => has.includes(one))
-        && (levels.length === 0 || levels.includes(row.dataset.proof))
         && words.every((word) => row.dataset.name.includes(word));
     };
     for (const row of document.querySelectorAll("tr[data-name]")) row.hidden = !wants(row);
@@ -83,9 +81,7 @@
   const remember = () => {
     const view = views.find((one) => !one.hidden) || views[0];
     const kept = new URLSearchParams();
-    for (const name of ["modality", "proof"]) {
-      for (const value of asked(name)) kept.append(name, value);
-    }
+    for (const value of asked("modality")) kept.append("modality", value);
     if (search.value) kept.set("words", search.value);
     const filters = kept.toString();
     history.replaceState(null, "", `#${view.dataset.view}${filters && `?${filters}`}`);

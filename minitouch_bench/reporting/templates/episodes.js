@@ -51,7 +51,10 @@
     for (const other of body.querySelectorAll("[aria-current]")) other.removeAttribute("aria-current");
     row.setAttribute("aria-current", "true");
     copy.disabled = false;
-    command.textContent = `minitouch-bench replay ${quoted(path())} ${key}`;
+    const { policy } = run();
+    command.textContent = policy
+      ? `minitouch-bench evaluate ${quoted(policy)} --episodes-from ${key} --replays 1`
+      : `minitouch-bench replay ${quoted(path())} ${key}`;
   };
   const draw = () => {
     const found = [];

@@ -1,0 +1,318 @@
+"""A row is played: a submission's checkpoints on this machine, and its results as files.
+
+``reports/results/NAME/`` holds the draws of the fresh episodes, written before the first of them,
+and the facts of each finished run, without actions: the checkpoints give them again. Unfinished
+runs lie in ``reports/play/NAME/``, where an interrupted ``play`` continues.
+"""
+
+import gzip
+import secrets
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from minitouch_bench import errors, files
+from minitouch_bench.episode import PlayedEpisode, Role, Sha256OrNone
+from minitouch_bench.evaluation.engine import Callbacks, Engine
+from minitouch_bench.evaluation.execution import header_of, open_run, play
+from minitouch_bench.evaluation.policy_setup import prepare_policies
+from minitouch_bench.json_io import read_toml, take_table, whole, write_toml
+from minitouch_bench.leaderboard.fresh import drop_p, fresh_plan
+from minitouch_bench.leaderboard.ranking import Runs
+from minitouch_bench.leaderboard.submission import Submission, read_submission
+from minitouch_bench.machine import machine_facts
+from minitouch_bench.policies.sources import SubmittedTraining
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
+from minitouch_bench.runs.plan import Plan, make_plan
+from minitouch_bench.runs.run import Run, parse_run
+
+RESULTS = files.REPORTS / "results"
+"""Directory of the rows that were played, one folder each."""
+PLAY = files.REPORTS / "play"
+"""Directory of rows that are being played."""
+
+ROW_FILE, RESULT_FILE = "row.toml", "run.json.gz"
+FRESH = "-fresh"
+"""What the folder of a suite's fresh episodes ends in."""
+
+TRAINING_LIMIT_S = 6 * 3600.0
+"""How long a training may take to play; a policy may use minutes in each episode."""
+MEASURED_EPISODES = 20
+"""Episodes after which the time of a training is estimated."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Randomness for the fresh episodes of a training, drawn when its policies were fixed.
+
+    ``final`` and ``exploration``: digests of the policies that it was drawn for. ``at``: when, in
+    UTC. ``processor``: of the machine.
+    """
+
+    seed: int
+    final: Sha256OrNone
+    exploration: Sha256OrNone
+    randomness: Annotated[str, Meta(pattern=whole("[0-9a-f]{32,}"))]
+    at: str
+    processor: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """What ``row.toml`` says.
+
+    ``played``: the suites that every training has finished, with their fresh episodes.
+    ``drop_p``: see ``fresh.drop_p``, over these suites. ``waiting``: why the rest is not played,
+    "" if nothing prevents it.
+    """
+
+    draws: tuple[Draw, ...] = ()
+    played: tuple[str, ...] = ()
+    drop_p: float = 1.0
+    waiting: str = ""
+    format: Literal["minitouch-row"] = "minitouch-row"
+    version: Literal[1] = 1
+
+    def draw_for(self, training: SubmittedTraining) -> Draw | None:
+        """Return the draw for a training's policies as they are, None where there is none."""
+        wanted = (training.seed, training.digest(Role.FINAL), training.digest(Role.EXPLORATION))
+        found = (one for one in self.draws if (one.seed, one.final, one.exploration) == wanted)
+        return next(found, None)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A run of a row: a suite, or its fresh episodes, with the policies of one training."""
+
+    training: SubmittedTraining
+    plan: Plan
+    is_fresh: bool
+
+    @property
+    def explores(self) -> bool:
+        """Whether the exploration policy plays too."""
+        return self.plan.suite == MAIN_SUITE and bool(self.training.files(Role.EXPLORATION))
+
+    @property
+    def place(self) -> str:
+        """Where it lies below the row's folder."""
+        return f"{self.training.folder}/{self.plan.suite}{FRESH if self.is_fresh else ''}"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A submission in its ``directory``, and the folder of its ``results``."""
+
+    directory: Path
+    submission: Submission
+    results: Path
+
+    @classmethod
+    def open(cls, directory: Path, results: Path) -> "Entry":
+        """Return the submission of a directory; ``results`` is the folder of all rows.
+
+        Raises:
+            UsageError: it is not a submission.
+        """
+        return cls(directory, read_submission(directory), results / directory.name)
+
+    @property
+    def name(self) -> str:
+        """Name of the submission."""
+        return self.submission.name
+
+    def policy(self, training: SubmittedTraining) -> str:
+        """Return what ``evaluate`` takes as the POLICY of a training."""
+        return self.name if self.submission.is_built_in else str(self.directory / training.folder)
+
+    def read_row(self) -> Row:
+        """Return what ``row.toml`` says; a row without a draw where there is none.
+
+        Raises:
+            RunDirectoryError: it is damaged.
+        """
+        path = self.results / ROW_FILE
+        if not path.exists():
+            return Row()
+        try:
+            return take_table(read_toml(path), Row, str(path))
+        except errors.UsageError as error:
+            raise errors.RunDirectoryError(str(error)) from error
+
+    def parts(self, row: Row) -> Iterator[Part]:
+        """Yield the runs of the row whose draws are made, training by training."""
+        for training in self.submission.trainings:
+            draw = row.draw_for(training)
+            for suite in self.submission.suites if draw else ():
+                assert draw is not None
+                yield Part(training, make_plan(suite), is_fresh=False)
+                fresh = fresh_plan(suite, training.digest(Role.FINAL), draw.randomness)
+                yield Part(training, fresh, is_fresh=True)
+
+    def read_run(self, part: Part) -> Run | None:
+        """Return a finished run, None where it was not played.
+
+        Raises:
+            RunDirectoryError: the file is damaged, or the run is of other policies or rules.
+        """
+        path = self.results / part.place / RESULT_FILE
+        if not path.exists():
+            return None
+        try:
+            with files.os_errors_as(errors.RunDirectoryError, path, "read"):
+                content = gzip.decompress(files.read_file(path))
+        except (EOFError, ValueError) as error:
+            raise errors.RunDirectoryError(f"{path} is damaged: {error}") from error
+        run = parse_run(content, f"{self.name}/{part.place}", path.parent)
+        header, digests = run.header, [policy.digest for policy in run.header.policies()]
+        roles = (*Role,) if part.explores else (Role.FINAL,)
+        if digests != [part.training.digest(role) for role in roles]:
+            raise errors.RunDirectoryError(f"{path} is of other checkpoints")
+        if header.plan != part.plan or header.task_digests != part.plan.rules():
+            raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
+        return run
+
+    def read_runs(self, row: Row) -> tuple[Runs, Runs]:
+        """Return the official runs and the fresh ones of suites that every training has finished.
+
+        Raises:
+            RunDirectoryError: a file is damaged, or the run is of other policies or rules.
+        """
+        found: dict[bool, dict[str, list[Run]]] = {False: {}, True: {}}
+        for part in self.parts(row):
+            if (run := self.read_run(part)) is not None:
+                found[part.is_fresh].setdefault(part.plan.suite, []).append(run)
+        number = len(self.submission.trainings)
+        whole_suites = [
+            suite
+            for suite in self.submission.suites
+            if all(len(runs.get(suite, ())) == number for runs in found.values())
+        ]
+        official, fresh = (
+            {suite: runs[suite] for suite in whole_suites} for runs in found.values()
+        )
+        return official, fresh
+
+
+def play_row(
+    entry: Entry,
+    engine: Engine,
+    callbacks: Callbacks,
+    *,
+    suites: Sequence[str] = (),
+    directory: Path = PLAY,
+) -> Row:
+    """Play what is missing of a row, or was changed, and return what its file says then.
+
+    ``suites``: only these of the submission's. ``directory``: of unfinished runs.
+
+    Raises:
+        RunDirectoryError: another process plays it, or a file cannot be written.
+        InfrastructureError, InterruptedRunError: it is incomplete; the same call continues.
+        PolicyError: a policy cannot be loaded.
+    """
+    with files.lock_directory(entry.results):
+        row = _keep_draws(entry)
+        missing = [*_missing(entry, row, callbacks)]
+        missing = [
+            part for part in missing if part.plan.suite in (suites or entry.submission.suites)
+        ]
+        waiting = ""
+        try:
+            for number, part in enumerate(missing, start=1):
+                callbacks.note(f"{entry.name}/{part.place}, {number} of {len(missing)} runs")
+                left = sum(
+                    len(one.plan.specs(exploration=one.explores))
+                    for one in missing[number - 1 :]
+                    if one.training == part.training
+                )
+                _play_part(entry, part, engine, _within_limit(callbacks, left), directory)
+        except errors.HopelessRunError as error:
+            waiting = str(error).partition("\n")[0]
+        official, fresh = entry.read_runs(row)
+        row = replace(
+            row,
+            played=tuple(official),
+            drop_p=drop_p(official, fresh) if official else 1.0,
+            waiting=waiting,
+        )
+        files.write_file(entry.results / ROW_FILE, write_toml(row))
+        if not waiting:
+            shutil.rmtree(directory / entry.name, ignore_errors=True)
+        return row
+
+
+def _keep_draws(entry: Entry) -> Row:
+    """Draw for each training whose policies are new, and keep the draws of the others."""
+    row = entry.read_row()
+    draws = tuple(
+        row.draw_for(training)
+        or Draw(
+            training.seed,
+            training.digest(Role.FINAL),
+            training.digest(Role.EXPLORATION),
+            secrets.token_hex(32),
+            datetime.now(UTC).isoformat(timespec="seconds"),
+            machine_facts()["processor"],
+        )
+        for training in entry.submission.trainings
+    )
+    if draws != row.draws:
+        row = Row(draws)
+        files.write_file(entry.results / ROW_FILE, write_toml(row))
+    return row
+
+
+def _missing(entry: Entry, row: Row, callbacks: Callbacks) -> Iterator[Part]:
+    """Yield the runs that were not played, or whose files are not of today's row."""
+    for part in entry.parts(row):
+        try:
+            if entry.read_run(part) is None:
+                yield part
+        except errors.RunDirectoryError as error:
+            callbacks.note(f"{error}: it is played again")
+            yield part
+
+
+def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
+    """Return callbacks that end a training whose ``episodes`` would take too long."""
+    started, played = time.monotonic(), 0
+
+    def episode(record: PlayedEpisode) -> None:
+        nonlocal played
+        callbacks.episode(record)
+        played += 1
+        seconds = (time.monotonic() - started) / played * episodes
+        if played >= MEASURED_EPISODES and seconds > TRAINING_LIMIT_S:
+            hours = f"about {seconds / 3600:.0f} hours, the limit is {TRAINING_LIMIT_S / 3600:.0f}"
+            raise errors.HopelessRunError(f"to play a training would take {hours}")
+
+    return replace(callbacks, episode=episode)
+
+
+def _play_part(
+    entry: Entry, part: Part, engine: Engine, callbacks: Callbacks, directory: Path
+) -> None:
+    policy = entry.policy(part.training)
+    setup = prepare_policies(
+        policy,
+        part.plan,
+        note=callbacks.note,
+        exploration=policy if part.explores else None,
+        name=entry.name,
+    )
+    header, place = header_of(setup), directory / entry.name / part.place
+    with files.lock_directory(place):
+        try:
+            opened = open_run(header, place, resume=True)
+        except errors.RunDirectoryError:  # of a checkpoint that was replaced since
+            opened = open_run(header, place, fresh=True)
+        run = play(setup, opened, engine, callbacks)
+    content = gzip.compress(run.content, mtime=0)
+    files.write_file(entry.results / part.place / RESULT_FILE, content)

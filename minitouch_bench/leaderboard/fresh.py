@@ -1,0 +1,78 @@
+"""Fresh episodes: seeds that nobody knew when a checkpoint was fixed, and the test for a drop.
+
+The official seeds are public, so a table of stored actions can succeed in all of their episodes.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from minitouch_bench.episode import Role
+from minitouch_bench.leaderboard.ranking import Runs
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.intervals import Floats, mean_difference
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.runs.plan import Plan, make_plan
+from minitouch_bench.runs.run import Run
+
+FRESH_EPISODES = 50
+"""Per task and training. On novel shapes they are the suite's first shapes, in new scenes."""
+
+SIGNIFICANCE = 0.01
+"""Chance at most that an honest row loses its rank."""
+
+ORDERS = 200_000
+"""Orders of the episodes that a permutation test counts."""
+
+
+def fresh_plan(suite: str, checkpoint: str, draw: str) -> Plan:
+    """Return the fresh episodes of a suite; their seed is SHA-256 over checkpoint and draw."""
+    seed = int.from_bytes(hashlib.sha256(f"{checkpoint} {draw}".encode()).digest(), "big")
+    return replace(make_plan(suite), episodes=FRESH_EPISODES, seed=seed)
+
+
+def drop_p(official: Runs, fresh: Runs) -> float:
+    """Return how likely as large a drop is if all episodes are draws of one policy's.
+
+    One joint one-sided test: the p-values of all suites and tasks, each over the trainings
+    together, are combined by Fisher's method. Final and exploration policies play the same scenes,
+    so their combined p-values are not independent; the smaller one counts twice (Bonferroni).
+
+    Source: R. A. Fisher, "Statistical Methods for Research Workers" (1932), combined p-values.
+    """
+    combined = []
+    for role in Role:
+        p_values = [
+            _task_p(_values(runs, role, task), _values(fresh[suite], role, task))
+            for suite, runs in official.items()
+            for task in runs[0].tasks
+            if role is Role.FINAL or (task in GOAL_TASKS and runs[0].exploration_rows)
+        ]
+        if p_values:
+            combined.append(float(scipy.stats.combine_pvalues(p_values, method="fisher").pvalue))
+    return min(1.0, len(combined) * min(combined))
+
+
+def _values(runs: Sequence[Run], role: Role, task: str) -> Floats:
+    """Return the mean over trainings of what ranks a task, by episode number, float64 (E,).
+
+    All trainings play the same official scenes, and each its own fresh ones.
+    """
+    metric = METRICS[ranking_metric(task)]
+    rows = [[row for row in dict(run.by_role())[role] if row.task == task] for run in runs]
+    return np.mean([metric.values(of_one) for of_one in rows], axis=0)
+
+
+def _task_p(official: Floats, fresh: Floats) -> float:
+    """Return the p-value of a drop of the mean: Fisher's exact test of shares, else permutation."""
+    if {*official, *fresh} <= {0.0, 1.0}:
+        table = [[values.sum(), len(values) - values.sum()] for values in (official, fresh)]
+        return float(scipy.stats.fisher_exact(table, alternative="greater").pvalue)
+    test = scipy.stats.permutation_test(
+        (official, fresh), mean_difference, n_resamples=ORDERS, batch=2_000, vectorized=True,
+        alternative="greater", rng=np.random.default_rng(0),
+    )  # fmt: skip
+    return float(test.pvalue)

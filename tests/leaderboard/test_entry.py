@@ -1,0 +1,237 @@
+"""Rows played from real checkpoints: what is kept, what is played again, and what is not."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from minitouch_bench.episode import Role
+from minitouch_bench.errors import (
+    InfrastructureError,
+    InterruptedRunError,
+    PolicyLoadError,
+    RunDirectoryError,
+)
+from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
+from minitouch_bench.evaluation.rollout import LocalEngine
+from minitouch_bench.files import lock_directory
+from minitouch_bench.json_io import write_toml
+from minitouch_bench.leaderboard import entry as entries
+from minitouch_bench.leaderboard.entry import ROW_FILE, Entry, play_row
+from minitouch_bench.leaderboard.submission import read_submission
+from minitouch_bench.policies.sources import parse_source
+from tests.evaluation.runs import Here
+from tests.leaderboard.playing import EPISODES, RUNS, TASKS, digests, play_few, write_policy
+from tests.leaderboard.synthetic import make_submission
+from tests.process_tree import wait_until
+
+ALL = 2 * EPISODES * (2 * len(TASKS))
+"""Episodes of a row: official and fresh ones, of the final and the exploration policy."""
+
+
+@pytest.fixture(autouse=True)
+def few_episodes(monkeypatch):
+    play_few(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory):
+    """The bytes of two policies."""
+    folder = tmp_path_factory.mktemp("policies")
+    return [write_policy(folder / f"{n}.safetensors", n).read_bytes() for n in range(2)]
+
+
+def submit(root, final, exploration):
+    """Write a submission whose checkpoints have these bytes."""
+    directory = make_submission(root / "submissions", exploration=True)
+    told = read_submission(directory)
+    (training,) = told.trainings
+    contents = {Role.FINAL: final, Role.EXPLORATION: exploration}
+    for file in training.checkpoints:
+        (directory / training.place(file)).write_bytes(contents[file.role])
+    found = [replace(file, sha256=digest_of(contents[file.role])) for file in training.checkpoints]
+    told = replace(told, trainings=(replace(training, checkpoints=tuple(found)),))
+    (directory / "submission.toml").write_text(write_toml(told))
+    return Entry.open(directory, root / "results")
+
+
+def digest_of(content):
+    return hashlib.sha256(content).hexdigest()
+
+
+@pytest.fixture
+def entry(tmp_path, checkpoints):
+    return submit(tmp_path, *checkpoints)
+
+
+class Count:
+    """Callbacks that count episodes, and act at one of them."""
+
+    def __init__(self, at=0, act=None):
+        self.episodes, self.notes = 0, []
+        self.at, self.act = at, act
+
+    def episode(self, _):
+        self.episodes += 1
+        if self.episodes == self.at:
+            self.act()
+
+    def callbacks(self):
+        return Callbacks(note=self.notes.append, episode=self.episode)
+
+
+def play(entry, callbacks=SILENT, **options):
+    return play_row(entry, Here(), callbacks, directory=entry.results.parent / "play", **options)
+
+
+def test_a_row_is_played_once_and_read_back(entry):
+    count = Count()
+    row = play(entry, count.callbacks())
+    assert (row.played, row.waiting, count.episodes) == (("table4",), "", ALL)
+    assert 0 <= row.drop_p <= 1
+    assert digests(entry.results).keys() == {*RUNS}
+    official, fresh = entry.read_runs(entry.read_row())
+    assert [run.tasks for run in (*official["table4"], *fresh["table4"])] == [TASKS, TASKS]
+    seeds = [{one.seed for one in of["table4"][0].rows} for of in (official, fresh)]
+    assert not seeds[0] & seeds[1]
+    assert not (entry.results.parent / "play" / entry.name).exists()
+    assert {path.name for path in entry.results.rglob("*") if path.is_file()} == {
+        "row.toml",
+        "run.json.gz",
+    }
+    again = Count()
+    assert play(entry, again.callbacks()) == row
+    assert again.episodes == 0
+
+
+def test_the_draw_is_written_before_the_first_episode_and_kept(entry):
+    def look():
+        assert entry.read_row().draws
+        raise KeyboardInterrupt
+
+    with pytest.raises(InterruptedRunError):
+        play(entry, Count(1, look).callbacks())
+    drawn = entry.read_row()
+    assert drawn.played == ()
+    assert len(drawn.draws[0].randomness) == 64
+    assert play(entry).draws == drawn.draws
+
+
+def test_an_interrupted_row_gives_the_bits_of_an_undisturbed_one(entry, tmp_path, checkpoints):
+    whole = submit(tmp_path / "whole", *checkpoints)
+    whole.results.mkdir(parents=True)
+    for at in (1, 2, 1, 2, 1):
+        count = Count(at, lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(InterruptedRunError):
+            play(entry, count.callbacks())
+        assert entry.read_row().played == ()
+    (whole.results / ROW_FILE).write_bytes((entry.results / ROW_FILE).read_bytes())
+    play(entry)
+    play(whole)
+    assert digests(entry.results) == digests(whole.results)
+
+
+def test_another_checkpoint_is_played_with_another_draw(entry, tmp_path, checkpoints):
+    before = play(entry)
+    kept = digests(entry.results)
+    other = submit(tmp_path, *reversed(checkpoints))
+    count = Count()
+    after = play(other, count.callbacks())
+    assert count.episodes == ALL
+    assert after.draws[0].randomness != before.draws[0].randomness
+    assert not {*digests(entry.results).values()} & {*kept.values()}
+    with pytest.raises(RunDirectoryError, match="other checkpoints"):
+        entry.read_runs(replace(after, draws=before.draws))
+
+
+@pytest.mark.parametrize("content", [b"", b"not packed", b"\x1f\x8b" + bytes(30)])
+def test_a_damaged_result_is_named_and_played_again(entry, content):
+    row = play(entry)
+    kept = digests(entry.results)
+    file = entry.results / RUNS[1] / "run.json.gz"
+    file.write_bytes(content)
+    with pytest.raises(RunDirectoryError, match=r"run\.json\.gz"):
+        entry.read_runs(row)
+    count = Count()
+    play(entry, count.callbacks())
+    assert count.episodes == ALL / 2
+    assert any("played again" in line for line in count.notes)
+    assert digests(entry.results) == kept
+
+
+def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
+    count = Count()
+    with pytest.raises(InfrastructureError, match=r"--stop-after"):
+        play(entry, stopping_after(1e-9, count.callbacks()))
+    assert count.episodes == 1
+    row = play(entry)
+    assert row.played == ("table4",)
+
+
+def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
+    monkeypatch.setattr(entries, "TRAINING_LIMIT_S", 1e-6)
+    monkeypatch.setattr(entries, "MEASURED_EPISODES", 1)
+    count = Count()
+    row = play(entry, count.callbacks())
+    assert (count.episodes, row.played) == (1, ())
+    assert "hours" in entry.read_row().waiting
+
+
+def test_a_policy_that_cannot_be_loaded_is_refused(tmp_path):
+    broken = submit(tmp_path, b"not a checkpoint", b"nor is this")
+    with pytest.raises(PolicyLoadError, match="safetensors"):
+        play(broken)
+
+
+def test_two_cannot_play_one_row_at_a_time(entry):
+    with lock_directory(entry.results), pytest.raises(RunDirectoryError, match="in use"):
+        play(entry)
+
+
+def test_each_training_is_a_policy_for_evaluate(entry):
+    source = parse_source(str(entry.directory / "seed-0"), TASKS)
+    explorer = parse_source(str(entry.directory / "seed-0"), TASKS, role=Role.EXPLORATION)
+    (training,) = entry.submission.trainings
+    assert source.digest == training.digest(Role.FINAL)
+    assert explorer.digest == training.digest(Role.EXPLORATION)
+    assert source.name == "hac"
+
+
+PLAY = """
+import sys
+from pathlib import Path
+import pytest
+from tests.leaderboard.playing import play_few
+from minitouch_bench.evaluation.engine import SILENT
+from minitouch_bench.evaluation.rollout import LocalEngine
+from minitouch_bench.leaderboard.entry import Entry, play_row
+play_few(pytest.MonkeyPatch())
+entry = Entry.open(Path(sys.argv[1]), Path(sys.argv[2]))
+play_row(entry, LocalEngine(2), SILENT, directory=Path(sys.argv[3]))
+"""
+
+
+@pytest.mark.parametrize("records", [1, 2])
+def test_a_killed_row_continues_with_the_same_bits(tmp_path, checkpoints, records):
+    entry, whole = (submit(tmp_path / name, *checkpoints) for name in ("killed", "whole"))
+    places = (entry.directory, entry.results.parent, tmp_path / "play")
+    child = subprocess.Popen(
+        [sys.executable, "-c", PLAY, *map(str, places)], start_new_session=True
+    )
+
+    def has_played():
+        journals = [*(tmp_path / "play").rglob("run.journal")]
+        return sum(one.read_bytes().count(b"\n") for one in journals) >= records
+
+    wait_until(lambda: has_played() or child.poll() is not None, 120)
+    os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+    row = play_row(entry, LocalEngine(1), SILENT, directory=tmp_path / "play")
+    whole.results.mkdir(parents=True)
+    (whole.results / ROW_FILE).write_bytes((entry.results / ROW_FILE).read_bytes())
+    assert play(whole) == row
+    assert digests(entry.results) == digests(whole.results)
