@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 MARK = "<!-- minitouch-bench: submission report -->"
-OUTCOMES = ("valid", "refused", "not finished", "not readable", "not checked")
+OUTCOMES = ("sound", "sound, with policy faults", "refused", "not checked")
 MAX_TEXT = 20_000
 MAX_LISTED = 3000
 """GitHub lists so many files of a pull request and leaves out the others without a word."""
@@ -24,7 +24,10 @@ SUBMISSION = re.compile(r"submissions/([A-Za-z0-9][A-Za-z0-9._-]{0,99})/[^\n]+")
 
 
 def main() -> int:
-    """Find the pull request and write its comment."""
+    """Find the pull request and write its comment.
+
+    The head is read again last: what was listed before is of this commit only if it has not moved.
+    """
     found = pull_request()
     if found is None:
         print("no open pull request has this commit as its head: nothing to post")
@@ -32,6 +35,9 @@ def main() -> int:
     number, base = found
     body = comment(number, base, Path(os.environ["CHECKED"]))
     comments = api(f"issues/{number}/comments?per_page=100", "--paginate", "--slurp")
+    if pull_request() != found:
+        print("the pull request has moved on: nothing to post")
+        return 0
     ours = [
         one["id"]
         for page in comments
@@ -75,7 +81,7 @@ def comment(number: int, base: str, checked: Path) -> str:
     ]
     names = {found[1] if (found := SUBMISSION.fullmatch(path)) else "" for path in paths}
     start = f"{MARK}\n### Check of the submission\n\n"
-    end = f"\n\nCommit {head}, against `{base}`: [log and leaderboard with its row]({url})."
+    end = f"\n\nCommit {head}, against `{base}`: [log]({url})."
     if len(names) != 1 or "" in names or len(files) >= MAX_LISTED:
         return (
             f"{start}This pull request changes more than one submission's directory, or "
@@ -88,10 +94,10 @@ def comment(number: int, base: str, checked: Path) -> str:
     is_new = f"submissions/{name}/submission.toml" in added
     what = "" if is_new else ", **a change of a submission that exists: is it its owner's?**"
     return (
-        f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nReplayed, re-run and run on "
-        "fresh episodes in the sandbox, with the program of the target branch. This is a preview: "
-        "the proof is made again with new seeds, and signed, after the merge. A policy that leaves "
-        f"the sandbox could forge this text; see SECURITY.md.{end}"
+        f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nIts files were checked, and the "
+        "suite smoke was played in the sandbox, with the program of the target branch. No number of "
+        "this enters the leaderboard: the row is played after the merge. A policy that leaves the "
+        f"sandbox could forge this text; see SECURITY.md.{end}"
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import chain, combinations
 from typing import Any, Literal, TypeVar
 
-from minitouch_bench.episode import Count, Episode, Role, Sha256
+from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.entry import Draw, Entry, Row
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
@@ -316,25 +316,19 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     final policy's episodes, bit for bit: a copy that acts a little otherwise in most of its
     episodes is not seen.
     """
-    trainings: dict[tuple[str, int], Draw] = {}
-    runs: dict[tuple[str, int], Run] = {}
-    digests: dict[str, list[tuple[str, int]]] = {}
-    for name, one in played.items():
-        for number, training in enumerate(one.submission.trainings):
-            draw = one.row.draw_for(training)
-            assert draw is not None
-            key = name, number
-            trainings[key] = draw
-            for suite in one.official:
-                runs[key] = one.official[suite][number]
-                break
-            if digest := training.digest(Role.FINAL):
-                digests.setdefault(digest, []).append(key)
-    equal = {pair for keys in digests.values() for pair in combinations(keys, 2)}
+    trainings = [(name, draw) for name, one in played.items() for draw in one.draws()]
+    runs = [run for one in played.values() for run in next(iter(one.official.values()))]
+    # A built-in policy is never a copy, whenever its row was played.
+    order = sorted(trainings, key=lambda one: (one[1].final != "", one[1].at, one[0]))
+    digests: dict[str, list[tuple[str, Draw]]] = {}
+    for training in order:
+        if training[1].final:
+            digests.setdefault(training[1].final, []).append(training)
+    pairs = {pair for equal in digests.values() for pair in combinations(equal, 2)}
+    pairs |= {*_same_episodes(dict(zip(trainings, runs, strict=True)))}
     copies: dict[str, str] = {}
-    for pair in sorted(equal | {*_same_episodes(runs)}):
-        built_in = {key: not trainings[key].final for key in pair}
-        first, later = sorted(pair, key=lambda key: (not built_in[key], trainings[key].at, key))
+    for pair in sorted(pairs, key=lambda pair: min(map(order.index, pair))):
+        first, later = sorted(pair, key=order.index)
         copies.setdefault(later[0], first[0])
     return copies
 

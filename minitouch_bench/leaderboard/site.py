@@ -161,7 +161,7 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
         draws=played.draws(),
         runs=[run for runs in played.official.values() for run in runs],
         path=path,
-        policy=policy,
+        checkpoint=policy,
         rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if OVERALL in ranks else "",
         why=[
             (_title(key), ranks[key], views.explain_rank(board, row, key))

@@ -191,7 +191,10 @@ def _heads(board: Board, key: str) -> Iterator[BoardLine]:
         for row in rows:
             rank = row.ranks.get(key)
             why = explain_rank(board, row, key) if rank else ""
-            note = f"{row.method}; {row.why_no_rank}" if kind == UNRANKED else row.method
+            note = row.method
+            if kind == UNRANKED:
+                why = f"No rank: {row.why_no_rank}."
+                note += f"; {row.why_no_rank}"
             yield BoardLine(kind, row.name, note, rank, row, why=why)
 
 

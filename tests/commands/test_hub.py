@@ -10,13 +10,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from minitouch_bench.leaderboard.proving import Prover
+from minitouch_bench.leaderboard.validation import validate
 
 from minitouch_bench.commands.submit import submit
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.leaderboard.proving import Prover
 from minitouch_bench.leaderboard.site import build_board
-from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address

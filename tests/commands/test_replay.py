@@ -5,11 +5,11 @@ import re
 from pathlib import Path
 
 import pytest
+from minitouch_bench.leaderboard.proof import ProofLevel
+from minitouch_bench.leaderboard.validation import validate
 
 from minitouch_bench.commands.report import report
-from minitouch_bench.leaderboard.proof import ProofLevel
 from minitouch_bench.leaderboard.site import build_board
-from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.runs.run import read_run
 from tests.commands.command import run
 from tests.leaderboard.synthetic import make_submission

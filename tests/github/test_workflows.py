@@ -14,10 +14,8 @@ ACTION_FILE = ROOT / ".github" / "actions" / "regress" / "action.yml"
 OF_STRANGERS = {"site", "submission", "tests"}
 """They run on pull requests, also from forks."""
 
-SIGNING = {"id-token": "write", "attestations": "write"}
 WRITING = {
-    "proof/attest": SIGNING,
-    "release/publish": SIGNING,
+    "release/publish": {"id-token": "write", "attestations": "write"},
     "site/deploy": {"pages": "write", "id-token": "write"},
     "submission-report/comment": {"contents": "read", "actions": "read", "pull-requests": "write"},
 }

@@ -34,6 +34,7 @@ ABOUT = Submission(
     notes="Trained on the train shapes.",
     trainings=(SubmittedTraining(0),),
 )
+FAULT = "the action contains NaN or infinity"
 MORNING, NOON = "2026-01-01T08:00:00+00:00", "2026-01-01T12:00:00+00:00"
 """When a row was played."""
 
@@ -46,7 +47,7 @@ def played(plan: Plan, policies: dict[Role, PolicyIdentity], skill: float, seed:
         ease = skill / 2 if spec.role is Role.EXPLORATION else skill
         record = make_record(rng, spec, ease * (0.9 if spec.split == "held-out" else 1.0))
         if spec.task == "pushing" and spec.index < faults and spec.role is Role.FINAL:
-            record = with_fault(record, "the action contains NaN or infinity", steps=spec.index)
+            record = with_fault(record, FAULT, steps=spec.index)
         records.append(record)
     final = policies[Role.FINAL]
     isolation = "none" if final.kind == "scripted" else "sandbox"
@@ -113,9 +114,7 @@ def make_row(
     )  # fmt: skip
     entry = entry_of(directory)
     draws = tuple(
-        Draw(
-            one.seed, one.digest(Role.FINAL), one.digest(Role.EXPLORATION), "ab" * 32, at, "Xeon"
-        )
+        Draw(one.seed, one.digest(Role.FINAL), one.digest(Role.EXPLORATION), "ab" * 32, at, "Xeon")
         for one in entry.submission.trainings
     )
     row = Row(draws)

@@ -3,68 +3,82 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from minitouch_bench.json_io import plain
-from minitouch_bench.leaderboard.board import CALIBRATION_POLICIES, FLOORS, in_order, make_board
-from minitouch_bench.leaderboard.proof import MAX_PROOF, ProofLevel, proof_path
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.json_io import plain, write_toml
+from minitouch_bench.leaderboard.board import (
+    CALIBRATION_POLICIES,
+    FLOORS,
+    PlayedRow,
+    in_order,
+    make_board,
+)
+from minitouch_bench.leaderboard.entry import ROW_FILE, Entry
 from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
+    BOARD_TASKS,
     FLOOR_SUCCESS,
     MEAN_SUCCESS,
     OVERALL,
     Rank,
+    board_key,
     count_learned,
     score,
 )
-from minitouch_bench.leaderboard.site import build_board, find_submissions
-from minitouch_bench.leaderboard.validation import validate
+from minitouch_bench.leaderboard.site import build_board, read_rows
 from minitouch_bench.leaderboard.views import board_markdown, views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
-from minitouch_bench.metrics.summary import GAP_PARTS, TABLE4_METRICS
+from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting.labels import estimate_cell
 from minitouch_bench.reporting.pages import Ending
-from minitouch_bench.reporting.report import TABLE_FORMATS, build_report
-from minitouch_bench.runs.run import read_run, run_json
-from tests.leaderboard.synthetic import make_submission
+from tests.altered import ROOT
+from tests.leaderboard.synthetic import (
+    ABOUT,
+    CHECKPOINT,
+    MORNING,
+    NOON,
+    make_row,
+    make_submission,
+)
 from tests.leaderboard.test_submission import schema
 
 BOTH = ("table4", "novel-shapes")
-STORED = Path(__file__).parents[2] / "submissions"
-STORED_RUNS = [STORED / run / "table4" for run in ("hac/seed-20", "scripted/seed-0")]
+RESULTS = ROOT / "reports" / "results"
 
 
 @pytest.fixture(scope="module")
-def submissions(tmp_path_factory):
-    root = tmp_path_factory.mktemp("board") / "submissions"
-    make_submission(root, "hac", 0.9, suites=BOTH, exploration=True, faults=4)
-    make_submission(root, "near", 0.83)
-    make_submission(root, "seeds", 0.6, seeds=(0, 1, 2), suites=BOTH)
-    make_submission(root, "perfect", 1.0, seeds=(3, 4))
-    make_submission(root, "scripted", 1.0, kind="scripted")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("board")
+    make_row(root, "hac", 0.9, suites=BOTH, exploration=True, faults=4)
+    make_row(root, "near", 0.83)
+    make_row(root, "seeds", 0.6, seeds=(0, 1, 2), suites=BOTH)
+    make_row(root, "perfect", 1.0, seeds=(3, 4))
+    make_row(root, "scripted", 1.0)
     return root
 
 
 @pytest.fixture(scope="module")
-def built(submissions, tmp_path_factory):
-    output = tmp_path_factory.mktemp("built")
-    build_board(submissions, output)
+def built(root, tmp_path_factory):
+    output = tmp_path_factory.mktemp("built") / "board"
+    build_board(root / "submissions", output, root / "results")
     return output
 
 
 @pytest.fixture(scope="module")
-def findings(submissions):
-    return [validate(path, trust_proofs=True) for path in find_submissions(submissions)]
+def played(root):
+    found, waiting, left_out = read_rows(root / "submissions", root / "results")
+    assert (waiting, left_out) == ([], [])
+    return {one.submission.name: one for one in found}
 
 
 @pytest.fixture(scope="module")
-def board(findings):
-    return make_board(findings)
+def board(played):
+    return make_board([*played.values()])
 
 
 @pytest.fixture(scope="module")
@@ -72,32 +86,28 @@ def rows(board):
     return {row.name: row for row in board.rows}
 
 
-def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
+def test_every_interval_on_the_board_is_that_of_its_runs(played, built):
     """Those of one seed are in its run.json; of several, ``over_seeds`` of those."""
     document = json.loads((built / "leaderboard.json").read_text())
     schema("leaderboard.schema.json").validate(document)
     compared = 0
     for row in (*document["ranked"], *document["calibration"]):
-        runs = [read_run(submissions / row["name"] / place) for place in row["runs"]]
-        main = [
-            {task.task: task.estimates for task in run.summary.tasks}
-            for run in runs
-            if run.plan.suite == "table4"
-        ]
-        for task in TASK_NAMES:
-            for metric, figure in row["figures"][task].items():
-                estimates = [one[task][metric] for one in main]
-                possible = METRICS[metric].range_in(task)
-                assert figure == plain(over_seeds(estimates, possible))
-                assert len(main) > 1 or figure == plain(estimates[0])
-                compared += 1
-            shown = {name for name in BOARD_METRICS if all(name in one[task] for one in main)}
-            assert row["figures"][task].keys() == shown
+        for name, runs_of in (("figures", "official"), ("fresh", "fresh")):
+            runs = getattr(played[row["name"]], runs_of)
+            for task in TASK_NAMES:
+                estimates = [run[task].estimates for run in runs["table4"]]
+                for metric, figure in row[name][task].items():
+                    possible = METRICS[metric].range_in(task)
+                    assert figure == plain(over_seeds([one[metric] for one in estimates], possible))
+                    assert len(estimates) > 1 or figure == plain(estimates[0][metric])
+                    compared += 1
+                shown = {one for one in BOARD_METRICS if all(one in each for each in estimates)}
+                assert row[name][task].keys() == shown
         for task, gap in row["novel_shapes"].items():
             metric = ranking_metric(task)
             gaps = [
                 result.gaps[metric]
-                for run in runs
+                for run in played[row["name"]].official["novel-shapes"]
                 for result in run.summary.generalization
                 if result.task == task
             ]
@@ -106,7 +116,9 @@ def test_every_interval_on_the_board_is_that_of_its_runs(submissions, built):
                 possible = (-1.0, 1.0) if part == "difference" else (0.0, 1.0)
                 assert gap[part] == plain(over_seeds(parts, possible))
                 compared += 1
-    assert compared > 150
+            key = board_key("novel-shapes", task)
+            assert row["figures"][key] == {metric: gap["held_out"]}
+    assert compared > 300
 
 
 def test_every_interval_on_the_pages_is_that_of_the_board(built, rows):
@@ -120,24 +132,9 @@ def test_every_interval_on_the_pages_is_that_of_the_board(built, rows):
                 assert f"{cell.text} {cell.small}" in shown
 
 
-@pytest.mark.parametrize("place", STORED_RUNS, ids=lambda place: "/".join(place.parts[-3:]))
-def test_every_interval_of_a_report_is_that_of_its_run_json(place):
-    run = read_run(place)
-    shown = TABLE_FORMATS["md"](build_report([run])).replace("\\", "")
-    for result in run.summary.tasks:
-        for metric in TABLE4_METRICS:
-            if metric in result.estimates:
-                cell = estimate_cell(metric, result.estimates[metric])
-                assert f"{cell.text} {cell.small}" in shown
-
-
-def runs_on_table4(directory):
-    return [read_run(place) for place in sorted(directory.glob("seed-*/table4"))]
-
-
-def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(submissions):
+def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(played):
     """The trainings of one task are independent of those of another."""
-    runs = runs_on_table4(submissions / "seeds")
+    runs = played["seeds"].official["table4"]
     turned = [
         replace(run, summary=replace(run.summary, tasks=tuple(
             runs[(index + shift) % len(runs)].summary.tasks[shift]
@@ -146,20 +143,22 @@ def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(submission
         for index, run in enumerate(runs)
     ]  # fmt: skip
     assert turned[0].summary.tasks != runs[0].summary.tasks
-    assert score(turned) == score(runs)
+    assert score({"table4": turned}) == score({"table4": runs})
 
 
-def test_a_seed_has_learned_where_it_is_above_the_best_floor(submissions, rows):
-    runs = runs_on_table4(submissions / "seeds")
+def test_a_seed_has_learned_where_it_is_above_the_best_floor(played, rows):
+    runs = played["seeds"].official["table4"]
     assert count_learned(runs) == rows["seeds"].learned == dict.fromkeys(GOAL_TASKS, 3)
-    floors = [runs_on_table4(STORED / name)[0] for name in FLOORS]
-    best = {
-        task.task: max(floor.summary.tasks[index].estimates["success"].value for floor in floors)
-        for index, task in enumerate(floors[0].summary.tasks)
-        if task.task in GOAL_TASKS
-    }
+    assert rows["hac"].learned_in("pushing") == ""
+    assert rows["seeds"].learned_in("pushing") == "3 of 3 seeds learned"
+
+
+def test_the_floors_are_those_of_the_stored_rows():
+    stored = [PlayedRow.read(Entry.open(ROOT / "submissions" / name, RESULTS)) for name in FLOORS]
+    runs = [one.official["table4"][0] for one in stored]
+    best = {task: max(run[task].success.value for run in runs) for task in GOAL_TASKS}
     assert best == FLOOR_SUCCESS
-    assert sum(count_learned([*floors, runs[0]]).values()) == len(GOAL_TASKS)
+    assert sum(count_learned(runs).values()) == 0
 
 
 def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
@@ -172,11 +171,38 @@ def test_the_mean_success_is_over_the_three_tasks_with_a_goal(rows):
 
 
 def test_ranks_are_shared_where_rows_cannot_be_told_apart(board, rows):
-    names = [row.name for row in board.ranked]
-    assert (names[0], {*names[1:3]}, names[3]) == ("perfect", {"hac", "near"}, "seeds")
+    assert {row.name for row in board.ranked} == {"perfect", "hac", "near", "seeds"}
+    assert board.ranked[0].name == "perfect"
     assert rows["hac"].ranks[OVERALL] == rows["near"].ranks[OVERALL]
     assert rows["seeds"].ranks[OVERALL].best == 4
-    assert set(rows["hac"].ranks) == {OVERALL, *TASK_NAMES}
+    own = {OVERALL, *BOARD_TASKS}
+    assert {*rows["near"].ranks} == own
+    novel = {board_key("novel-shapes", task) for task in ("playing", "pushing", "pick-up")}
+    assert {*rows["hac"].ranks} == own | novel
+    assert len(board.pairs["novel-shapes/pushing"]) == 1
+
+
+def with_value(row, name, value, seeds, high):
+    estimate = replace(row.figures[OVERALL][MEAN_SUCCESS], value=value, high=high)
+    figures = {**row.figures, OVERALL: {MEAN_SUCCESS: estimate}}
+    return replace(row, name=name, figures=figures, training_seeds=tuple(range(seeds)))
+
+
+def test_a_row_of_one_training_is_below_every_row_whose_interval_reaches_it(rows):
+    listed = [
+        with_value(rows["hac"], *one)
+        for one in (
+            ("best", 0.9, 5, 0.95),
+            ("wide", 0.5, 5, 0.85),
+            ("narrow", 0.6, 5, 0.62),
+            ("lucky", 0.8, 1, 0.9),
+            ("luckier", 0.82, 1, 0.9),
+            ("above all", 0.97, 1, 1.0),
+            ("low", 0.1, 1, 0.2),
+        )
+    ]
+    names = [row.name for row in in_order(listed, OVERALL)]
+    assert names == ["above all", "best", "narrow", "wide", "luckier", "lucky", "low"]
 
 
 def test_calibrations_have_no_rank(board, rows):
@@ -185,57 +211,110 @@ def test_calibrations_have_no_rank(board, rows):
     assert [row.name for row in in_order(moved, OVERALL)][-1] == "seeds"
     assert [row.name for row in board.calibration] == ["scripted"]
     assert rows["scripted"].ranks == {}
-    assert board.missing_calibration == CALIBRATION_POLICIES[1:]
+    assert "scripted" in CALIBRATION_POLICIES
 
 
-def test_every_episode_has_one_ending(findings, rows):
+def test_every_episode_has_one_ending(played, rows):
     counts = rows["hac"].endings
     assert all(sum(own.values()) == 100 for own in counts.values())
     assert counts["pushing"][Ending.FAULT] == 4
-    (hac,) = [found for found in findings if found.submission.name == "hac"]
-    won = sum(episode.success for episode in hac.episodes("pushing")[0])
+    won = sum(episode.success for episode in played["hac"].episodes("pushing")[0])
     assert counts["pushing"][Ending.SUCCEEDED] == won
     assert sum(rows["seeds"].endings["opening"].values()) == 300
     assert set(counts["playing"]) <= {Ending.TOUCHED, Ending.NEVER_TOUCHED}
 
 
-@pytest.fixture
-def copied(submissions, tmp_path):
-    """The submission ``near`` without its proof, and its episodes under another name."""
-    root = tmp_path / "submissions"
-    shutil.copytree(submissions / "near", root / "near")
-    copied = make_submission(root, "copied", 0.5, level=ProofLevel.SELF_REPORTED)
-    shutil.rmtree(copied / "seed-0")
-    shutil.copytree(root / "near" / "seed-0", copied / "seed-0")
-    return root
+def build(root):
+    return build_board(root / "submissions", root / "board", root / "results")
 
 
-def test_the_same_episodes_under_another_name_are_told(copied):
-    board = make_board([validate(copied / "near"), validate(copied / "copied")])
-    same = {row.name: row.same_episodes_as for row in board.unranked}
-    assert same == {"near": ("copied",), "copied": ("near",)}
+def test_a_copy_has_no_rank_and_no_part_in_the_tests(tmp_path):
+    """The row that was played first keeps its rank, whatever the names."""
+    own = CHECKPOINT + b"own"
+    make_row(tmp_path, "original", 0.9, at=MORNING, content=own)
+    make_row(tmp_path, "other", 0.5)
+    alone = {row.name: row.ranks for row in build(tmp_path).ranked}
+    for number in range(3):
+        make_row(tmp_path, f"a-copy-{number}", 0.9, at=NOON, content=own)
+    board = build(tmp_path)
+    assert {row.name: row.ranks for row in board.ranked} == alone
+    assert {row.copy_of for row in board.unranked} == {"original"}
+    assert len(board.unranked) == 3
+    assert len(board.pairs[OVERALL]) == 1
+    page = (tmp_path / "board" / "submission" / "a-copy-1.html").read_text()
+    assert "a copy of original" in page
 
 
-def test_another_protocol_is_listed_apart_and_a_bad_one_left_out(submissions, tmp_path):
-    root = tmp_path / "submissions"
-    shutil.copytree(submissions, root)
-    file = root / "near" / "seed-0" / "table4" / "run.json"
-    run = read_run(file)
-    digests = {**run.header.task_digests, "pushing": "0" * 64}
-    file.write_bytes(run_json(replace(run, header=replace(run.header, task_digests=digests))))
-    (root / "hac" / "submission.toml").unlink()
-    (root / "README.md").write_text("hello")
-    board = build_board(root, tmp_path / "board")
-    assert list(map(len, (board.ranked, board.other_protocol, board.refused))) == [2, 1, 1]
-    document = json.loads((tmp_path / "board" / "leaderboard.json").read_text())
-    schema("leaderboard.schema.json").validate(document)
-    assert [row["name"] for row in document["refused"]] == ["hac"]
-    text = (tmp_path / "board" / "leaderboard.md").read_text()
-    assert "## Other protocols, not ranked\n\n- **near**" in text
-    assert "## Left out\n\n- **hac**" in text
-    page = (tmp_path / "board" / "index.html").read_text()
-    assert "Other protocols, not ranked" in page
-    assert "submission/near.html" not in page
+def test_equal_episodes_of_other_checkpoints_are_a_copy_too(tmp_path):
+    make_row(tmp_path, "late", 0.9, at=NOON)
+    make_row(tmp_path, "early", 0.9, at=MORNING)
+    board = build(tmp_path)
+    assert [(row.name, row.copy_of) for row in board.unranked] == [("late", "early")]
+
+
+def test_a_row_that_is_worse_in_fresh_episodes_has_no_rank(tmp_path):
+    make_row(tmp_path, "table", 1.0, fresh_skill=0.2)
+    make_row(tmp_path, "honest", 0.6)
+    board = build(tmp_path)
+    (table,) = board.unranked
+    assert (table.name, table.ranks) == ("table", {})
+    assert "worse in fresh episodes" in table.why_no_rank
+    page = (tmp_path / "board" / "submission" / "table.html").read_text()
+    assert "worse in fresh episodes" in page
+
+
+def test_what_is_not_played_waits_with_its_command(tmp_path):
+    make_submission(tmp_path / "submissions", "new", about=replace(ABOUT, suites=BOTH))
+    entry = make_row(tmp_path, "slow", 0.7, suites=BOTH)
+    row = replace(entry.read_row(), played=("table4",), waiting="it would take 9 hours")
+    shutil.rmtree(entry.results / "seed-0" / "novel-shapes-fresh")
+    (entry.results / ROW_FILE).write_text(write_toml(row))
+    board = build(tmp_path)
+    waiting = {one.name: one.reason for one in board.waiting}
+    assert "table4, novel-shapes: minitouch-bench leaderboard play new" in waiting["new"]
+    assert waiting["slow"] == "novel-shapes: it would take 9 hours"
+    assert [row.name for row in board.ranked] == ["slow"]
+    assert board.ranked[0].novel_shapes == {}
+    assert "leaderboard play new" in (tmp_path / "board" / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (lambda at: (at / "submissions/near/submission.toml").unlink(), "submission.toml"),
+        (lambda at: shutil.rmtree(at / "submissions/near"), "without a submission"),
+        (lambda at: (at / "results/near/row.toml").write_text("{"), "row.toml"),
+        (
+            lambda at: (at / "results/near/seed-0/table4/run.json.gz").write_bytes(b"no"),
+            "leaderboard play near",
+        ),
+        (
+            lambda at: shutil.copyfile(
+                at / "results/near/seed-0/table4-fresh/run.json.gz",
+                at / "results/near/seed-0/table4/run.json.gz",
+            ),
+            "other episodes or rules",
+        ),
+    ],
+)
+def test_what_cannot_be_shown_is_named_and_the_others_stay(root, tmp_path, spoil, word):
+    shutil.copytree(root, tmp_path / "copy")
+    spoil(tmp_path / "copy")
+    board = build(tmp_path / "copy")
+    (left_out,) = board.left_out
+    assert left_out.name == "near"
+    assert word in left_out.reason
+    assert "near" not in {row.name for row in board.rows}
+    assert len(board.ranked) == 3
+    assert not (tmp_path / "copy" / "board" / "submission" / "near.html").exists()
+
+
+def test_a_folder_that_is_not_a_board_is_not_written_to(root, tmp_path):
+    (tmp_path / "submission").mkdir()
+    (tmp_path / "submission" / "mine.html").write_text("somebody's page")
+    with pytest.raises(RunDirectoryError, match="not empty"):
+        build_board(root / "submissions", tmp_path, root / "results")
+    assert (tmp_path / "submission" / "mine.html").read_text() == "somebody's page"
 
 
 def test_a_hostile_method_is_only_text(board):
@@ -243,48 +322,5 @@ def test_a_hostile_method_is_only_text(board):
     assert "<script" not in board_markdown(hostile, views(hostile)).replace("\\<script", "")
 
 
-def test_the_board_does_not_depend_on_the_order_of_submissions(findings, board):
-    assert make_board(findings[::-1]) == board
-
-
-def without_a_level(path):
-    proof = json.loads(path.with_name("scripted.json").read_text())
-    path.write_text(json.dumps({**proof, "level": "remote"}))
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda path: path.write_text("{"),
-        lambda path: path.write_bytes(b" " * (MAX_PROOF + 1)),
-        without_a_level,
-        lambda path: path.symlink_to("scripted.json"),
-    ],
-)
-def test_a_proof_that_cannot_be_read_costs_its_row_the_level_alone(submissions, tmp_path, spoil):
-    root = tmp_path / "submissions"
-    for name in ("near", "scripted"):
-        shutil.copytree(submissions / name, root / name)
-    (root / "_proofs").mkdir()
-    shutil.copy(proof_path(submissions / "scripted"), root / "_proofs")
-    spoil(proof_path(root / "near"))
-    told = []
-    assert build_board(root, tmp_path / "board", told.append).refused == ()
-    board = json.loads((tmp_path / "board" / "leaderboard.json").read_text())
-    assert [row["proof"] for row in board["unranked"]] == ["self-reported"]
-    assert [row["proof"] for row in board["calibration"]] == ["verified"]
-    assert any("near is listed without a proof" in line and "near.json" in line for line in told)
-
-
-def test_estimates_are_computed_again_where_no_proof_is_for_these_bytes(submissions, tmp_path):
-    root, file = tmp_path / "submissions", "near/seed-0/table4/run.json"
-    shutil.copytree(submissions, root)
-    run = read_run(root / "near/seed-0/table4")
-    task = run.summary.tasks[1]
-    steps = task.estimates["episode_steps"]
-    estimates = {**task.estimates, "episode_steps": replace(steps, low=steps.low - 1)}
-    tasks = (run.summary.tasks[0], replace(task, estimates=estimates), *run.summary.tasks[2:])
-    edited = replace(run, summary=replace(run.summary, tasks=tasks))
-    (root / file).write_bytes(run_json(edited))
-    (refused,) = build_board(root, tmp_path / "board").refused
-    assert "episode_steps.low" in refused.reasons[0]
+def test_the_board_does_not_depend_on_the_order_of_submissions(played, board):
+    assert make_board([*played.values()][::-1]) == board

@@ -108,7 +108,9 @@ def test_honest_rows_on_the_same_scenes_hardly_ever_lose_their_rank(monkeypatch,
         own = rng.random((2, 3, episodes)) < rate
         same = rng.random((2, 3, episodes)) < 0.5
         found = np.where(same, scenes, own) if scenes is not None else own
-        final, explored = (dict(zip(GOALS, one.astype(float).tolist(), strict=True)) for one in found)
+        final, explored = (
+            dict(zip(GOALS, one.astype(float).tolist(), strict=True)) for one in found
+        )
         return run(final, explored)
 
     def p():

@@ -210,6 +210,6 @@ def test_pairs_say_what_the_ranks_rest_on():
         assert [(pair.higher, pair.lower) for pair in ranking.pairs] == list(combinations("abc", 2))
         assert [pair.is_significant for pair in ranking.pairs] == [True, True, False], key
         assert [pair.seeds is None for pair in ranking.pairs] == [True, True, False]
-        assert [(one.best, one.worst) for one in ranking.ranks] == [(1, 1), (2, 3), (2, 3)]
+        assert [(one.best, one.worst) for one in ranking.ranks.values()] == [(1, 1), (2, 3), (2, 3)]
         assert ranking.pairs[0].p <= 0.05 < ranking.pairs[2].p
     assert rank({}) == {}

@@ -8,13 +8,10 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.leaderboard.ranking import RANKED_BY
-from minitouch_bench.leaderboard.site import build_board
-from minitouch_bench.leaderboard.validation import validate
-from tests.altered import edit_document
+from minitouch_bench.leaderboard.ranking import BOARD_TASKS, OVERALL
+from minitouch_bench.leaderboard.site import BOARD_FILE, build_board
 from tests.leaderboard.browser import Browser
-from tests.leaderboard.synthetic import ABOUT, make_submission, prove_as
-from tests.leaderboard.synthetic import VIDEO as MP4
+from tests.leaderboard.synthetic import ABOUT, NOON, make_row, make_submission
 from tests.reporting.html_page import Page
 
 ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
@@ -22,23 +19,20 @@ ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Path:
-    """A board of four ranked submissions, one of a server, and a floor."""
+    """A board of four ranked rows, a copy, a floor, and a submission that waits."""
     root = tmp_path_factory.mktemp("site")
-    submissions = root / "submissions"
     touch = replace(ABOUT, method="Touch alone", modalities=("touch",), training_steps=500_000)
     vision = replace(ABOUT, method="Vision alone", modalities=("vision",), training_steps=10**7)
     both = ("table4", "novel-shapes")
-    best = make_submission(submissions, "hac", 0.9, suites=both, exploration=True, faults=2)
-    make_submission(submissions, "touch", 0.6, about=touch)
-    make_submission(submissions, "vision", 0.3, about=vision)
-    make_submission(submissions, "server", 0.7, kind="remote")
-    make_submission(submissions, "seeds", 0.75, seeds=(0, 1))
-    make_submission(submissions, "random", 0.1, kind="random")
-    (best / "seed-0/table4/videos").mkdir()
-    (best / "seed-0/table4/videos/pushing-0.mp4").write_bytes(MP4)
-    prove_as(best)
-    assert validate(best).passed
-    build_board(submissions, root / "board")
+    own = b"weights of the best"
+    make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
+    make_row(root, "touch", 0.6, about=replace(touch, learner="PPO"))
+    make_row(root, "vision", 0.3, about=vision)
+    make_row(root, "seeds", 0.75, seeds=(0, 1))
+    make_row(root, "copy", 0.9, at=NOON, content=own)
+    make_row(root, "random", 0.1)
+    make_submission(root / "submissions", "new")
+    build_board(root / "submissions", root / "board", root / "results")
     return root / "board"
 
 
@@ -62,7 +56,7 @@ def text(browser: Browser, selector: str) -> str:
 
 def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, board):
     browser.open(board / "index.html")
-    assert names(browser) == ["hac", "seeds", "touch", "vision"]
+    assert {*names(browser)} == {"hac", "seeds", "touch", "vision"}
     assert text(browser, ".count") == "4 ranked submissions"
     assert browser.messages == []
     assert {url.split(":")[0] for url in browser.requests} <= {"file", "data"}
@@ -72,7 +66,7 @@ def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, boa
 
 
 def test_columns_are_sorted_by_hand_and_by_keyboard(index):
-    training = "#overall th:nth-last-child(2)"
+    training = "#overall th:nth-last-child(2)"  # before the day of play
     index.click(f"{training} .sort")
     assert names(index)[0] == "touch"
     assert names(index)[-1] == "vision"
@@ -84,25 +78,17 @@ def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     assert names(index) == ["hac", "seeds", "touch", "vision"]
 
 
-def test_rows_are_filtered_by_modality_proof_and_words(index):
+def test_rows_are_filtered_by_modality_and_words(index):
     index.click("input[value=touch]")
-    assert names(index) == ["hac", "seeds", "touch"]
+    assert {*names(index)} == {"hac", "seeds", "touch"}
     index.click("input[value=vision]")
-    assert names(index) == ["hac", "seeds"]
-    index.click("input[value='verified']")
-    assert names(index) == ["hac", "seeds"]
+    assert {*names(index)} == {"hac", "seeds"}
     assert text(index, ".count") == "2 of 4 ranked submissions"
     for value in ("touch", "vision"):
         index.click(f"input[value='{value}']")
-    assert names(index) == ["hac", "seeds", "touch", "vision"]
-    unranked = "document.querySelectorAll('#overall .unranked tr[data-name]:not([hidden])').length"
-    assert index.run(unranked) == 0
-    index.click("input[value='verified']")
-    index.click("input[value='replayed']")
-    assert (names(index), index.run(unranked)) == ([], 1)
-    index.click("input[value='replayed']")
+    assert len(names(index)) == 4
     index.click(".search")
-    index.write("alone TOUCH")
+    index.write("alone PPO")
     assert names(index) == ["touch"]
 
 
@@ -164,19 +150,34 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
     assert "unsafe" not in policy
 
 
-def test_a_page_tells_the_limits_and_faults_of_a_submission(board):
+def test_a_page_tells_the_limits_and_faults_of_a_row(board):
     page = (board / "submission" / "hac.html").read_text()
     assert "Episode variance only (one training seed)" in page
     assert "the action contains NaN or infinity" in page
-    for name in ("leaderboard.md", "index.html", "submission/server.html"):
-        assert "remote" in (board / name).read_text(), name
+    assert "evaluate submissions/hac/seed-0" in page
+    assert "Fresh episodes" in page
+    seeds = (board / "submission" / "seeds.html").read_text()
+    assert "By training seed" in seeds
+    assert "By training seed" not in page
+
+
+def test_what_waits_and_why_a_row_has_no_rank_is_said_everywhere(board):
+    for name in ("leaderboard.md", "index.html"):
+        text = (board / name).read_text().replace("\\", "")
+        assert "leaderboard play new" in text
+        assert "a copy of hac" in text
 
 
 def test_every_rank_is_explained(board):
     """On the board, in its Markdown and on the row's own page."""
     pairs = json.loads((board / "leaderboard.json").read_text())["pairs"]
-    assert {key: len(of_table) for key, of_table in pairs.items()} == dict.fromkeys(RANKED_BY, 6)
-    assert (board / "index.html").read_text().count(">Why this rank<") == 4 * len(RANKED_BY)
+    counts = {key: len(of_table) for key, of_table in pairs.items()}
+    assert counts == dict.fromkeys((OVERALL, *BOARD_TASKS), 6) | {
+        f"novel-shapes/{task}": 0 for task in ("playing", "pushing", "pick-up")
+    }
+    touch = 1  # the table of touch is in the overall order
+    shown = 4 * (len(BOARD_TASKS) + 1 + touch)
+    assert (board / "index.html").read_text().count(">Why this rank<") == shown
     text = (board / "leaderboard.md").read_text()
     found = {(pair["higher"], pair["lower"]) for pair in pairs["overall"] if pair["is_significant"]}
     assert ("hac", "vision") in found
@@ -188,17 +189,11 @@ def test_every_rank_is_explained(board):
         assert line.replace("\\<", "&lt;") in page
 
 
-def test_hostile_texts_of_a_run_are_only_text(tmp_path):
+def test_hostile_texts_of_a_fault_are_only_text(tmp_path, monkeypatch):
     hostile = "</script><script>alert(1)</script>\u202e=cmd()"
-    directory = make_submission(tmp_path / "submissions", "hac", faults=1)
-
-    def change(document):
-        document["faults"]["pushing/0"] = hostile
-        document["header"]["policy"]["name"] = hostile
-
-    edit_document(directory / "seed-0/table4/run.json", change)
-    built = build_board(tmp_path / "submissions", tmp_path / "board")
-    assert built.refused == ()
+    monkeypatch.setattr("tests.leaderboard.synthetic.FAULT", hostile)
+    make_row(tmp_path, "hac", faults=1)
+    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
     page = (tmp_path / "board" / "submission" / "hac.html").read_text()
     assert Page(page).open == []
     assert "<script>alert" not in page
@@ -206,22 +201,23 @@ def test_hostile_texts_of_a_run_are_only_text(tmp_path):
     assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
 
 
-VIDEO = "seed-0-table4-pushing-0.mp4"
-
-
 @pytest.fixture
 def built(tmp_path):
     """An empty board beside a directory of somebody's."""
     for name in ("submissions", "outside"):
         (tmp_path / name).mkdir()
-    build_board(tmp_path / "submissions", tmp_path / "board")
-    for name in (VIDEO, "notes.txt", "gone.html"):
+    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
+    for name in ("notes.txt", "gone.html"):
         (tmp_path / "outside" / name).write_text("somebody's own")
     return tmp_path
 
 
+def build_again(root):
+    build_board(root / "submissions", root / "board", root / "results")
+
+
 def outside_is_whole(root):
-    return len(list((root / "outside").iterdir())) == 3
+    return len(list((root / "outside").iterdir())) == 2
 
 
 def test_a_directory_of_pages_that_is_a_link_is_refused(built):
@@ -229,28 +225,17 @@ def test_a_directory_of_pages_that_is_a_link_is_refused(built):
     pages.rmdir()
     pages.symlink_to(built / "outside")
     with pytest.raises(RunDirectoryError, match="submission"):
-        build_board(built / "submissions", built / "board")
+        build_again(built)
     assert outside_is_whole(built)
 
 
-def test_no_link_below_the_pages_is_followed(built):
+def test_pages_of_an_earlier_board_are_removed_and_nothing_else(built):
     pages = built / "board" / "submission"
     (pages / "gone").symlink_to(built / "outside")
     (pages / "gone.html").symlink_to(built / "outside" / "gone.html")
-    build_board(built / "submissions", built / "board")
+    (pages / "old.html").touch()
+    (pages / "mine").mkdir()
+    build_again(built)
     assert outside_is_whole(built)
-
-
-def test_what_an_earlier_board_wrote_is_removed_and_nothing_else(built):
-    folder = built / "board" / "submission" / "gone"
-    (folder / "mine").mkdir(parents=True)
-    (folder / "seed-1-table4-pushing-0.mp4").mkdir()  # a directory with the name of a video
-    for name in (VIDEO, "notes.txt"):
-        (folder / name).write_text("")
-    folder.with_suffix(".html").touch()
-    folder.with_name("left").mkdir()
-    (folder.with_name("left") / VIDEO).touch()
-    build_board(built / "submissions", built / "board")
-    assert {path.name for path in folder.parent.iterdir()} == {"gone"}
-    left = {path.name for path in folder.iterdir()}
-    assert left == {"mine", "seed-1-table4-pushing-0.mp4", "notes.txt"}
+    assert {path.name for path in pages.iterdir()} == {"gone", "gone.html", "mine"}
+    assert (built / "board" / BOARD_FILE).is_file()

@@ -1,28 +1,30 @@
-"""A table of stored actions: all of the official episodes, and none of the fresh ones."""
+"""A table of stored actions: all of the official episodes, and few of the fresh ones."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.episode import Role
-from minitouch_bench.leaderboard.proof import fresh_seed
-from minitouch_bench.leaderboard.proving import DonePart, Prover
-from minitouch_bench.leaderboard.submission import ALL_TASKS
+from minitouch_bench.evaluation.engine import SILENT
+from minitouch_bench.leaderboard import entry as entries
+from minitouch_bench.leaderboard import fresh
+from minitouch_bench.leaderboard.entry import Entry, play_row
+from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
+from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
-from tests.evaluation.runs import Here, run
-from tests.evaluation.runs import request as wanted_run
-from tests.leaderboard.synthetic import checkpoint_of, findings_of
+from tests.evaluation.runs import Here, request, run
+from tests.leaderboard.synthetic import make_submission
 
-PLACE = "seed-0/table4"
-CHECKPOINT = "checkpoints/seed-0/final/table.pt"
-OFFICIAL, FRESH = 20, 8  # four lucky episodes of eight are still a significant drop
+OFFICIAL, FRESH = 20, 8  # two lucky episodes of eight are still a significant drop
 
 
 class Table(torch.jit.ScriptModule):
     """Find the episode by its first image, then give what once succeeded in it.
 
-    The fresh seeds follow from the file's bytes: the code is a text, as that of a class holds its
-    source's path.
+    The code is a text, as that of a class holds its source's path, and the fresh seeds follow from
+    the file's bytes.
     """
 
     def __init__(self, keys: torch.Tensor, actions: torch.Tensor) -> None:
@@ -45,43 +47,45 @@ def forward(self, image: Tensor, touch: Tensor) -> Tensor:
 """
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """A run of the table as if it were a submission's."""
-    directory = tmp_path_factory.mktemp("table") / "submissions" / "table"
-    (directory / CHECKPOINT).parent.mkdir(parents=True)
-    solved = run(wanted_run("scripted", ("pushing",), OFFICIAL), directory.parent / "solved")
+@pytest.fixture
+def table(tmp_path) -> bytes:
+    """A checkpoint with the actions of the scripted policy in Pushing's official episodes."""
+    solved = run(request("scripted", ("pushing",), OFFICIAL), tmp_path / "solved")
     environment = MiniTouchEnv("pushing")
     specs = solved.header.specs()
     images = [torch.from_numpy(environment.reset(seed=spec.seed)[0]["image"]) for spec in specs]
-    keys = torch.stack(images).float()
     recorded = [solved.actions[spec.key] for spec in specs]
     actions = np.zeros((OFFICIAL, max(map(len, recorded)), 4))
     for row, one in zip(actions, recorded, strict=True):
         row[: len(one)] = one
-    table = Table(keys, torch.from_numpy(actions).float())
-    with pytest.warns(DeprecationWarning, match="torch.jit"):
-        torch.jit.save(table, directory / CHECKPOINT)
-
-    wanted = wanted_run(str(directory / CHECKPOINT), ("pushing",), OFFICIAL)
-    done = run(wanted, directory / PLACE)
-    file = checkpoint_of(directory, 0, Role.FINAL, ALL_TASKS, "table.pt")
-    return findings_of(directory, done, file)
+    module = Table(torch.stack(images).float(), torch.from_numpy(actions).float())
+    path = tmp_path / "table.pt"
+    with pytest.warns(DeprecationWarning, match=r"torch\.jit"):
+        torch.jit.save(module, path)
+    return path.read_bytes()
 
 
-def test_it_succeeds_officially_and_gives_the_same_actions_when_run_again(found):
-    assert all(episode.success for episode in found.runs[PLACE].rows)
-    prover = Prover(found, Here(), rng=np.random.default_rng(0))
-    prover.run_again(3)
-    assert not prover.problems
+def test_fresh_episodes_tell_and_take_the_rank(tmp_path, table, monkeypatch):
+    def small_plan(suite):
+        return replace(make_plan(suite), episodes=OFFICIAL, tasks=("pushing",))
 
-
-def test_fresh_episodes_tell(found):
-    prover = Prover(found, Here(), done=DonePart("a phrase"))
-    fresh = prover.run_fresh(FRESH)
-    (problem,) = prover.problems
-    assert "pushing: success 1.000 officially" in str(problem)
-    assert "fits the official episodes" in str(problem)
-    (result,) = fresh.results[PLACE]
-    assert result.fresh <= 1 / 2
-    assert fresh.seeds[PLACE] == fresh_seed(found.runs[PLACE].header.policy.digest, "a phrase")
+    for module in (entries, fresh):
+        monkeypatch.setattr(module, "make_plan", small_plan)
+    monkeypatch.setattr(fresh, "FRESH_EPISODES", FRESH)
+    directory = make_submission(tmp_path / "submissions", "table", content=table)
+    text = (directory / "submission.toml").read_text()
+    (directory / "submission.toml").write_text(text.replace("hac.safetensors", "table.pt"))
+    place = directory / "checkpoints" / "seed-0" / "final" / "hac.safetensors"
+    place.rename(place.with_name("table.pt"))
+    row = play_row(
+        Entry.open(directory, tmp_path / "results"),
+        Here(),
+        SILENT,
+        directory=Path(tmp_path, "play"),
+    )
+    assert row.drop_p < SIGNIFICANCE
+    (official,), (later,) = (
+        runs["table4"] for runs in Entry.open(directory, tmp_path / "results").read_runs(row)
+    )
+    assert official["pushing"].success.value == 1
+    assert later["pushing"].success.value <= 1 / 2

@@ -107,9 +107,11 @@ def test_the_schema_refuses_what_the_reader_refuses(read, key, value):
         read(tomli_w.dumps(document))
 
 
-@pytest.mark.parametrize("text", ["", "format = 1", 'format = "minitouch-submission"', "x" * 70_000])
+@pytest.mark.parametrize(
+    "text", ["", "format = 1", 'format = "minitouch-submission"', "x" * 70_000]
+)
 def test_another_file_is_not_a_submission(read, text):
-    with pytest.raises(UsageError, match="submission.toml"):
+    with pytest.raises(UsageError, match=r"submission\.toml"):
         read(text)
 
 
@@ -130,7 +132,10 @@ OWN = replace(EXPLORED, address="")
         ({"trainings": TRAININGS * 2}, "twice"),
         ({"trainings": (*TRAININGS, replace(TRAININGS[0], seed=1))}, "same final checkpoints"),
         ({"trainings": (SubmittedTraining(0),)}, "no final checkpoint"),
-        ({"trainings": (SubmittedTraining(0, (FINAL, replace(OWN, role=Role.FINAL))),)}, "one file"),
+        (
+            {"trainings": (SubmittedTraining(0, (FINAL, replace(OWN, role=Role.FINAL))),)},
+            "one file",
+        ),
         (
             {"trainings": (SubmittedTraining(0, (FINAL, replace(OWN, sha256=FINAL.sha256))),)},
             "is the final policy",
@@ -183,7 +188,8 @@ FILE = "checkpoints/seed-0/final/hac.safetensors"
 )
 def test_a_spoiled_directory_is_refused(submission, spoil, word):
     spoil(submission)
-    found = [*check_submission(submission if submission.exists() else submission.with_name("other"))]
+    there = submission if submission.exists() else submission.with_name("other")
+    found = [*check_submission(there)]
     assert any(word in problem for problem in found), found
 
 

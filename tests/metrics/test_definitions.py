@@ -16,7 +16,7 @@ MEASURED = [metric.field or metric.name for metric in METRICS.values() if metric
 
 
 def test_every_field_of_an_episode_is_its_identity_or_measured_once():
-    identity = {"outcome", "digest"} | {f.name for f in fields(EpisodeSpec)} - {"role"}
+    identity = {"outcome", "start", "digest"} | {f.name for f in fields(EpisodeSpec)} - {"role"}
     assert sorted(MEASURED) == sorted({f.name for f in fields(Episode)} - identity)
 
 

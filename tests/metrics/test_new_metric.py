@@ -28,12 +28,16 @@ from minitouch_bench.reporting.tables import as_markdown
 from minitouch_bench.reporting.report import build_report, report_blocks, table4_latex, to_html
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.static_check import check_run
-from tests.leaderboard.synthetic import make_submission, official_run, write_official
+from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.runs.plan import make_plan
+from tests.leaderboard.synthetic import make_row, played
+from tests.reporting.synthetic import write
 
 root, stored = map(Path, sys.argv[1:])
+policies = {Role.FINAL: PolicyIdentity("hac", "hac.safetensors", "native", "ab" * 32)}
 for name, skill in (("better", 0.9), ("worse", 0.4), ("novel", 0.9)):
     suite = "novel-shapes" if name == "novel" else "table4"
-    write_official(official_run(suite, skill=skill), root / name)
+    write(played(make_plan(suite), policies, skill, 0), root / name)
 runs = [read_run(root / name) for name in ("better", "worse")]
 paths = tuple(str(root / run.name) for run in runs)
 for name, text in {
@@ -48,12 +52,12 @@ for name, text in {
     "new.txt": "".join(map(str, check_run(runs[0]))),
 }.items():
     (root / name).write_text(text)
-make_submission(root / "submissions", "hac", 0.8)
-make_submission(root / "submissions", "seeds", 0.6, seeds=(0, 1, 2))
-build_board(root / "submissions", root / "board")
+make_row(root, "hac", 0.8)
+make_row(root, "seeds", 0.6, seeds=(0, 1, 2))
+build_board(root / "submissions", root / "board", root / "results")
 """
 
-STORED = ROOT / "submissions" / "random" / "seed-0" / "table4"
+STORED = ROOT / "reports" / "baseline" / "random"
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +103,8 @@ def test_two_policies_are_compared_by_its_own_test(root):
 
 def test_it_is_on_the_board(root):
     board = json.loads((root / "board" / "leaderboard.json").read_text())
-    for row in board["unranked"]:
+    assert len(board["ranked"]) == 2
+    for row in board["ranked"]:
         for task in ("pushing", "opening", "pick-up"):
             assert row["figures"][task]["long_episode"]["high"] > 0
     for name in ("leaderboard.md", "index.html", "submission/seeds.html"):

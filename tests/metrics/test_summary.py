@@ -3,17 +3,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
+from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Start, Trace
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, measure
-from tests.reporting.synthetic import make_run, of_tasks, rows_of, summary_of, with_fault
+from tests.reporting.synthetic import (
+    make_run,
+    measured,
+    of_tasks,
+    rows_of,
+    summary_of,
+    with_fault,
+)
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
+START = Start((0.5, 0.1, 0.0), 1.5, (0.6, 0.1), (0.4, 0.0, 0.02))
 
 
 def make_trace() -> Trace:
     touch = np.zeros((4, 11), np.float32)
-    touch[:, 5] = [0, 2, 0, 2]  # variance 1 in one of six components
+    touch[:, 5] = [0, 2, 0, 2]  # variance 1 in one of six components; steps 0 and 2 feel 2 N
     touch[:, 0] = [9, 0, 9, 0]  # a position, not a force
     state = np.zeros((4, 3))
     state[:, 0] = [0, 1, 0, 1]  # variance 0.25
@@ -32,7 +40,7 @@ def make_trace() -> Trace:
 
 
 def test_every_metric_follows_its_definition():
-    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, make_trace()))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, make_trace()))
     assert (metrics.task, metrics.index, metrics.seed) == ("pushing", 3, 42)
     assert metrics.shape == "mug-017"
     assert metrics.success
@@ -49,18 +57,31 @@ def test_every_metric_follows_its_definition():
     assert metrics.ticks == 180
     assert METRICS["arm_time"].value(metrics) == 0.75
     assert metrics.clipped_actions == 2
+    assert metrics.start == START
+    assert (metrics.peak_force, metrics.contact_force) == (2, 1)  # steps 1 and 2 touch
+
+
+def test_forces_are_those_of_the_harder_finger_while_it_touches():
+    trace = make_trace()
+    trace.touch[2, 5:] = [3, 4, 0, 0, 0, 1]  # 5 N and 1 N
+    trace.touch[3, 5:] = [0, 0, 0, 2, 3, 6]  # 0 N and 7 N
+    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, trace))
+    assert (metrics.peak_force, metrics.contact_force) == (7, 6)
+    untouched = replace(trace, contact_ticks=np.zeros(3, np.int16))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, untouched))
+    assert (metrics.peak_force, metrics.contact_force) == (None, None)
 
 
 def test_a_door_moves_in_its_one_angle():
     trace = replace(make_trace(), object_state=np.array([[0.0], [0.4], [0.0], [0.4]]))
-    assert measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, trace)).object_movement == pytest.approx(
-        0.04
-    )
+    assert measure(
+        PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, trace)
+    ).object_movement == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize("samples", [0, 1])
 def test_an_episode_without_steps_has_zeros(samples):
-    record = with_fault(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, make_trace()), "raised")
+    record = with_fault(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, make_trace()), "raised")
     felt, state = record.trace.touch[:samples], record.trace.object_state[:samples]
     metrics = measure(replace(record, trace=replace(record.trace, touch=felt, object_state=state)))
     assert metrics.first_touch_tick is None
@@ -75,8 +96,9 @@ def test_long_contact_does_not_overflow_int16():
         make_trace(),
         contact_ticks=np.full(steps, 100, np.int16),
         ticks=np.full(steps, 100, np.int16),
+        touch=np.zeros((steps + 1, 11), np.float32),
     )
-    metrics = measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, trace))
+    metrics = measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, trace))
     assert metrics.touch_interaction == 200_000
     assert metrics.ticks == 200_000
 
@@ -130,15 +152,20 @@ def test_faults_stay_in_the_denominator():
     assert pushing.outcomes["policy_fault"] == 4
 
 
-def test_touch_curve_is_a_mean_over_those_that_got_there():
+def test_curves_are_over_those_that_got_there():
     run = make_run(tasks=("pushing",), episodes=6, exploration=False)
-    pushing = by_task(run)["pushing"]
-    traces = [record.trace.contact_ticks for record in run.records]
-    step = min(map(len, traces))
-    reached = [trace[step] for trace in traces if len(trace) > step]
-    assert pushing.touch_curve[step] == pytest.approx(np.mean(reached))
-    assert pushing.touch_curve_episodes[step] == len(reached)
-    assert len(pushing.touch_curve) == len(pushing.touch_curve_episodes) == max(map(len, traces))
+    (pushing,) = measured(run).summary.tasks
+    traces = [record.trace for record in run.records]
+    lengths = [len(trace.actions) for trace in traces]
+    step = min(lengths)
+    reached = [trace for trace in traces if len(trace.actions) > step]
+    ticks = [trace.contact_ticks[step] for trace in reached]
+    forces = [np.linalg.norm(trace.touch[step + 1, 5:].reshape(2, 3), axis=1) for trace in reached]
+    assert pushing.touch_curve[step] == pytest.approx(np.mean(ticks))
+    assert pushing.force_curve[step].median == pytest.approx(np.median(np.max(forces, 1)), abs=1e-3)
+    assert pushing.curve_episodes[step] == len(reached)
+    for curve in (pushing.touch_curve, pushing.force_curve, pushing.curve_episodes):
+        assert len(curve) == max(lengths)
 
 
 def test_touch_share_counts_steps_and_is_zero_without_any():
@@ -152,7 +179,9 @@ def test_touch_share_counts_steps_and_is_zero_without_any():
 
 @pytest.mark.parametrize("task", ["playing", "pushing"])
 def test_a_fault_improves_nothing(task):
-    record = PlayedEpisode(replace(SPEC, task=task), Outcome.POLICY_FAULT, make_trace(), "NaN")
+    record = PlayedEpisode(
+        replace(SPEC, task=task), Outcome.POLICY_FAULT, START, make_trace(), "NaN"
+    )
     for outcome, steps in ((Outcome.POLICY_FAULT, 200), (Outcome.STEP_LIMIT, 3)):
         row = measure(replace(record, outcome=outcome))
         assert METRICS["episode_steps"].value(row) == steps

@@ -13,6 +13,7 @@ from minitouch_bench.episode import (
     PlayedEpisode,
     PolicyIdentity,
     Role,
+    Start,
     Trace,
 )
 from minitouch_bench.files import RUN_FILE, write_file
@@ -62,6 +63,13 @@ def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) 
     )
 
 
+def make_start(rng: np.random.Generator, task: str) -> Start:
+    place = lambda *ends: tuple(rng.uniform(*ends).tolist())  # noqa: E731
+    x, y = place((0.45, -0.15), (0.65, 0.2))
+    target = place((0.3, -0.15), (0.65, 0.2)) if task == "pushing" else None
+    return Start((x, y, 0.0), 0.0, target, (0.5, 0.0, 0.04))
+
+
 def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> PlayedEpisode:
     draw = rng.random()
     if spec.task == "playing":
@@ -75,13 +83,13 @@ def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> Pl
     trace = make_trace(rng, steps, spec.task, contact=0.25 + 0.6 * skill)
     if outcome is Outcome.SUCCESS:
         trace.rewards[-1] = 25
-    return PlayedEpisode(spec, outcome, trace)
+    return PlayedEpisode(spec, outcome, make_start(rng, spec.task), trace)
 
 
 def with_fault(record: PlayedEpisode, text: str, steps: int = 0) -> PlayedEpisode:
     rng = np.random.default_rng(record.spec.index)
     trace = make_trace(rng, steps, record.spec.task, contact=0.0)
-    return PlayedEpisode(record.spec, Outcome.POLICY_FAULT, trace, text)
+    return PlayedEpisode(record.spec, Outcome.POLICY_FAULT, record.start, trace, text)
 
 
 def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call

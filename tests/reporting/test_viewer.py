@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Trace
+from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Start, Trace
 from minitouch_bench.reporting.viewer import episode_csv, episode_page, in_words
 
 
@@ -32,7 +32,8 @@ def make_film(task="pick-up", *, steps=4, touching=(), outcome=Outcome.STEP_LIMI
     scenes = rng.integers(0, 255, (steps + 1, 24, 24, 3), np.uint8)
     images = rng.integers(0, 255, (steps, 84, 84), np.uint8)
     target = (0.6, 0.0) if task == "pushing" else None
-    return Film(PlayedEpisode(spec, outcome, trace), scenes, images, trace.touch[:-1], target)
+    start = Start((0.5, 0.0, 0.0), 0.0, target, (0.5, 0.1, 0.04))
+    return Film(PlayedEpisode(spec, outcome, start, trace), scenes, images, trace.touch[:-1])
 
 
 def places(*x):

@@ -9,10 +9,10 @@ import time
 
 import pandas as pd
 import pytest
+from experiments.row import collect, join_arm
 
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
-from experiments.row import collect, join_arm
 from tests.altered import ROOT
 from tests.process_tree import descendants, is_alive, wait_until
 

@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import typer
+from minitouch_bench.leaderboard.validation import validate
 
 from minitouch_bench.commands.report import report
 from minitouch_bench.comparison.comparison import compare_runs
@@ -41,7 +42,6 @@ from minitouch_bench.files import (
 )
 from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.site import build_board
-from minitouch_bench.leaderboard.validation import validate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.actions import write_actions

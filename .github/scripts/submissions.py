@@ -1,13 +1,14 @@
-"""Validate the submissions that a change adds or edits: replay, re-run and fresh episodes.
+"""Check the submission of a pull request, or play rows after a merge.
 
 ::
 
-    check_submission.py --clone DIR (--base SHA [--only-one] | --name NAME) --head SHA --output DIR
+    submissions.py check --clone DIR --base SHA --head SHA --output DIR
+    submissions.py play [--base SHA --head SHA | --name NAME] [--stop-after 5h]
 
-It takes ``submissions/NAME/`` from the clone and runs this environment's ``minitouch-bench
-leaderboard validate`` on a copy. Written to ``--output``: ``result.json`` and ``output.txt`` for
-``post_report.py``, ``proofs/NAME.json`` of each valid submission, and ``leaderboard/`` with it.
-``--only-one``: exit 1 unless the change is in one submission's directory and nowhere else.
+``check`` takes ``submissions/NAME/`` from the clone, checks it with this environment's program, and
+plays the suite ``smoke`` with the checkpoints of its first training. The change may be in one
+submission's directory and nowhere else. It writes ``result.json`` and ``output.txt`` for
+``post_report.py``. ``play`` plays the rows of the submissions that changed in this clone.
 """
 
 import argparse
@@ -23,11 +24,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-COMMAND = (sys.executable, "-m", "minitouch_bench", "leaderboard")
+COMMAND = (sys.executable, "-m", "minitouch_bench")
 
-OUTCOMES = {0: "valid", 1: "refused", 5: "not finished", 6: "not readable"}
-"""What the exit codes of ``leaderboard validate`` mean where it says ``N of 1 valid``; any other
-end is a fault of the program."""
+OUTCOMES = {0: "sound", 1: "refused", 3: "refused", 4: "sound, with policy faults"}
+"""What the exit codes of the commands mean; any other end is a fault of the program."""
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MAX_OUTPUT = 20_000
@@ -35,36 +35,37 @@ MAX_OUTPUT = 20_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Check what changed; return 0 where every submission is valid."""
+    """Do what is asked for; return the exit code."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--clone", type=Path, required=True)
-    parser.add_argument("--base")
+    parser.add_argument("action", choices=("check", "play"))
+    parser.add_argument("--clone", type=Path, default=ROOT)
+    parser.add_argument("--base", default="")
+    parser.add_argument("--head", default="HEAD")
     parser.add_argument("--name")
-    parser.add_argument("--head", required=True)
-    parser.add_argument("--only-one", action="store_true")
-    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--stop-after", default="5h")
+    parser.add_argument("--output", type=Path, default=Path("checked"))
     given = parser.parse_args(arguments)
-    given.output.mkdir(parents=True, exist_ok=True)
-    names: list[str] = []
-    other: list[str] = []
     if given.name is None:
         names, other = changed(given.clone, given.base, given.head)
-    elif NAME.fullmatch(given.name):
-        names = [given.name]
+    else:
+        names, other = [given.name], []
     present = [name for name in names if (given.clone / "submissions" / name).is_dir()]
-    if given.only_one and (other or len(names) != 1 or not present):
-        outcomes = dict.fromkeys(names, "not checked")
+    if given.action == "play":
+        sound = [name for name in present if NAME.fullmatch(name)]
+        if not sound:
+            print("no submission changed: nothing to play")
+            return 0
+        command = (*COMMAND, "leaderboard", "play", *sound, "--stop-after", given.stop_after)
+        return run(command, given.clone)[0]
+    given.output.mkdir(parents=True, exist_ok=True)
+    if other or len(names) != 1 or not present:
         named = ", ".join(map(repr, [*names, *other][:10])) or "no file of a submission"
         text = f"A submission changes submissions/NAME/ and nothing else; this changes: {named}"
-        report(text, outcomes, given.head, given.output)
+        report(text, dict.fromkeys(names, "not checked"), given.head, given.output)
         return 1
-    if given.name is not None and not present:
-        report("There is no such submission", {}, given.head, given.output)
-        return 1
-    checked = {name: check(name, given.clone, given.output) for name in present}
-    outcomes = {name: outcome for name, (outcome, _) in checked.items()}
-    report("\n".join(text for _, text in checked.values()), outcomes, given.head, given.output)
-    return 0 if all(outcome == "valid" for outcome in outcomes.values()) else 1
+    outcome, text = check(names[0], given.clone)
+    report(text, {names[0]: outcome}, given.head, given.output)
+    return 0 if outcome.startswith("sound") else 1
 
 
 def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
@@ -84,27 +85,22 @@ def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
     return sorted(names), other
 
 
-def check(name: str, clone: Path, output: Path) -> tuple[str, str]:
-    """Validate a copy of one submission beside this environment's own; keep proof and board."""
+def check(name: str, clone: Path) -> tuple[str, str]:
+    """Check a copy of one submission beside this environment's own, and play a smoke suite."""
     with tempfile.TemporaryDirectory() as folder:
         submissions = Path(folder) / "submissions"
         shutil.copytree(ROOT / "submissions", submissions, symlinks=True)
         shutil.rmtree(submissions / name, ignore_errors=True)
         shutil.copytree(clone / "submissions" / name, submissions / name, symlinks=True)
-        (submissions / "_proofs" / f"{name}.json").unlink(missing_ok=True)
-        code, text = run((*COMMAND, "validate", "--prove", f"submissions/{name}"), folder)
-        outcome = f"the check failed with exit code {code}"
-        if re.search(r"\b[01] of 1 valid\b", text):
-            outcome = OUTCOMES.get(code, outcome)
-        proof = submissions / "_proofs" / f"{name}.json"
-        if outcome == "valid" and proof.is_file():
-            (output / "proofs").mkdir(exist_ok=True)
-            shutil.copyfile(proof, output / "proofs" / proof.name)
-        run((*COMMAND, "build", "--output", str((output / "leaderboard").absolute())), folder)
-    return outcome, text
+        code, text = run((*COMMAND, "leaderboard", "check", name), Path(folder))
+        if code == 0:
+            policy = f"submissions/{name}"
+            code, more = run((*COMMAND, "evaluate", policy, "--suite", "smoke"), Path(folder))
+            text += more
+    return OUTCOMES.get(code, f"the check failed with exit code {code}"), text
 
 
-def run(command: Sequence[str], folder: str) -> tuple[int, str]:
+def run(command: Sequence[str], folder: Path) -> tuple[int, str]:
     """Run a command; return its exit code and what it printed."""
     done = subprocess.run(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
@@ -116,7 +112,7 @@ def run(command: Sequence[str], folder: str) -> tuple[int, str]:
 
 
 def report(text: str, outcomes: dict[str, str], head: str, output: Path) -> None:
-    """Write the files of the report, the job's summary and its outputs."""
+    """Write the files of the report, and the job's summary."""
     text = text.encode()[-MAX_OUTPUT:].decode(errors="ignore")
     (output / "result.json").write_text(json.dumps({"head": head, "outcomes": outcomes}) + "\n")
     (output / "output.txt").write_text(text, encoding="utf-8")
@@ -125,10 +121,6 @@ def report(text: str, outcomes: dict[str, str], head: str, output: Path) -> None
         indented = "\n".join(f"    {line}" for line in text.splitlines())  # a block of code
         with Path(summary).open("a", encoding="utf-8") as file:
             file.write(f"| Submission | Outcome |\n|---|---|\n{rows}\n{indented}\n")
-    if outputs := os.environ.get("GITHUB_OUTPUT"):
-        count = len(list((output / "proofs").glob("*.json")))
-        with Path(outputs).open("a", encoding="utf-8") as file:
-            file.write(f"proofs={count}\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,151 @@
+"""The script that checks the submission of a pull request, and plays rows after a merge."""
+
+import json
+import shutil
+import sys
+
+import post_report
+import pytest
+
+import submissions
+from tests.process_tree import git
+
+PROGRAM = """
+import pathlib, sys
+words = sys.argv[1:]
+print(" ".join(words))
+if words[:2] == ["leaderboard", "play"]:
+    raise SystemExit(5 if "slow" in words else 0)
+place = pathlib.Path("submissions", words[-1] if words[0] == "leaderboard" else words[1][12:])
+codes = (place / "code").read_text().split()
+code = int(codes[words[0] == "evaluate"])
+if code == 70:
+    raise RuntimeError("a fault of the program")
+raise SystemExit(code)
+"""
+
+
+def commit(clone, **files):
+    """Commit files, whose names have two underscores for each slash; return the commit."""
+    for name, text in files.items():
+        path = clone / name.replace("__", "/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    git(clone, "add", "-A")
+    git(clone, "commit", "-q", "-m", "change")
+    return git(clone, "rev-parse", "HEAD")
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """The script, whose own clone is small and whose command is a stand-in."""
+    (tmp_path / "own" / "submissions").mkdir(parents=True)
+    monkeypatch.setattr(submissions, "ROOT", tmp_path / "own")
+    monkeypatch.setattr(submissions, "COMMAND", (sys.executable, "-c", PROGRAM))
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary"))
+    return submissions
+
+
+@pytest.fixture
+def clone(tmp_path):
+    folder = tmp_path / "clone"
+    folder.mkdir()
+    git(folder, "init", "-q")
+    return folder
+
+
+def check(script, clone, head, base):
+    """Check a change; return the exit code, the result and the text that is posted."""
+    output = clone.parent / "checked"
+    options = ["--clone", str(clone), "--head", head, "--base", base, "--output", str(output)]
+    code = script.main(["check", *options])
+    result = json.loads((output / "result.json").read_text())
+    return code, result, (output / "output.txt").read_text()
+
+
+def test_a_sound_submission_is_checked_and_plays_smoke(script, clone, tmp_path):
+    base = commit(clone, README="")
+    head = commit(clone, submissions__mine__code="0 0")
+    code, result, text = check(script, clone, head, base)
+    assert (code, result) == (0, {"head": head, "outcomes": {"mine": "sound"}})
+    assert text.splitlines() == [
+        "leaderboard check mine",
+        "evaluate submissions/mine --suite smoke",
+    ]
+    assert "| `mine` | sound |" in (tmp_path / "summary").read_text()
+
+
+@pytest.mark.parametrize(
+    ("codes", "outcome"),
+    [
+        ("1 0", "refused"),
+        ("0 3", "refused"),
+        ("0 4", "sound, with policy faults"),
+        ("0 5", "the check failed with exit code 5"),
+        ("70 0", "the check failed with exit code 1"),
+    ],
+)
+def test_any_other_outcome_is_named(script, clone, codes, outcome):
+    base = commit(clone, README="")
+    head = commit(clone, submissions__mine__code=codes)
+    ended, result, _ = check(script, clone, head, base)
+    if codes == "70 0":  # python's own exit code of a traceback is that of a refusal
+        outcome = "refused"
+    assert result["outcomes"] == {"mine": outcome}
+    assert ended == (0 if outcome.startswith("sound") else 1)
+
+
+def test_the_end_of_a_long_output_is_kept_within_what_is_posted(script, tmp_path):
+    script.report("é" * 30_000 + "the end", {}, "0", tmp_path)
+    kept = (tmp_path / "output.txt").read_bytes()
+    assert kept.endswith(b"the end")
+    assert len(kept) <= post_report.MAX_TEXT
+
+
+def test_a_change_that_removes_another_submission_is_not_checked(script, clone):
+    base = commit(clone, README="", submissions__honest__code="0 0")
+    shutil.rmtree(clone / "submissions" / "honest")
+    removed = commit(clone)
+    head = commit(clone, submissions__mine__code="0 0")
+    assert check(script, clone, removed, base)[0] == 1
+    code, result, text = check(script, clone, head, base)
+    assert code == 1
+    assert result["outcomes"] == {"honest": "not checked", "mine": "not checked"}
+    assert "'honest', 'mine'" in text
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"submissions__mine__code": "0 0", "README": "also"},
+        {"submissions__mine__code": "0 0", "reports__results__mine__row.toml": ""},
+        {"submissions__mine__code": "0 0", "submissions__other__code": "0 0"},
+    ],
+)
+def test_a_change_of_more_than_one_submission_is_not_checked(script, clone, files):
+    base = commit(clone, README="")
+    head = commit(clone, **files)
+    code, result, text = check(script, clone, head, base)
+    assert code == 1
+    assert set(result["outcomes"].values()) <= {"not checked"}
+    assert "nothing else" in text
+
+
+def test_after_a_merge_every_changed_submission_is_played(script, clone, capsys):
+    base = commit(clone, submissions__old__code="")
+    head = commit(clone, submissions__one__code="", submissions__two__code="", README="")
+
+    def play(*options):
+        capsys.readouterr()
+        code = script.main(["play", "--clone", str(clone), *options])
+        return code, [line for line in capsys.readouterr().out.splitlines() if "play" in line]
+
+    stop = "--stop-after 5h"
+    both = f"leaderboard play one two {stop}"
+    assert play("--base", base, "--head", head) == (0, [both])
+    first = play("--base", "0" * 40, "--head", head)
+    assert first == (0, [f"leaderboard play old one two {stop}"])
+    assert play("--name", "one") == (0, [f"leaderboard play one {stop}"])
+    assert play("--name", "../one") == (0, ["no submission changed: nothing to play"])
+    commit(clone, submissions__slow__code="")
+    assert play("--name", "slow")[0] == 5
