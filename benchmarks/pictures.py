@@ -1,6 +1,7 @@
 """Draw the pictures that reports and the README show, from the tasks themselves.
 
-The video is of policies that were trained by ``hac``: it replays the actions of their submission.
+The video is of policies that were trained by ``hac``: the checkpoints of a submission play the
+episodes of its row again.
 """
 
 from pathlib import Path
@@ -8,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+import minitouch_bench as mt
 from minitouch_bench.episode import Role
 from minitouch_bench.evaluation.policy_setup import Recording
+from minitouch_bench.files import REPORTS, SUBMISSIONS
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.runs.run import read_run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
 from minitouch_bench.verification.filming import film_episode
@@ -25,8 +27,8 @@ SMOOTHING = 2
 VIDEO_WIDTH, VIDEO_HEIGHT = 240, 180
 VIDEO_STEPS = 30
 """Control steps of the video; a task that ends earlier stays as it ended."""
-FILMED = Path("submissions/hac/seed-20/table4")
-"""The run whose episodes are in the video."""
+FILMED = "hac/seed-20"
+"""The training whose episodes are in the video, in ``submissions`` and in ``reports/results``."""
 FRAME_MS = 160
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
@@ -65,7 +67,7 @@ def frames_of(task: str) -> list[np.ndarray]:
 
     In a task with a goal it is one of those that succeed.
     """
-    run = read_run(FILMED)
+    run = mt.load_run(REPORTS / "results" / FILMED / "table4")
     fitting = [
         (spec, row)
         for spec, row in run.specs_and_rows()
@@ -74,7 +76,8 @@ def frames_of(task: str) -> list[np.ndarray]:
         and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))
     ]
     spec, _ = max(fitting, key=lambda pair: pair[1].steps)
-    actions = run.actions_of(spec.key)[: VIDEO_STEPS - 1]
+    played = mt.evaluate(str(SUBMISSIONS / FILMED), episodes_from=[spec.key], progress=False)
+    actions = played.actions_of(spec.key)[: VIDEO_STEPS - 1]
     size = (VIDEO_WIDTH * SMOOTHING, VIDEO_HEIGHT * SMOOTHING)
     film = film_episode(Recording({spec: actions}, run.plan), spec, size)
     images = [np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT)) for image in film.scenes]

@@ -24,6 +24,8 @@ from minitouch_bench import errors
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
 ACTIONS_FILE, RUN_FILE = "actions.npz", "run.json"
+PACKED_RUN_FILE = "run.json.gz"
+"""The facts of a run that is kept without its actions, as a row of the leaderboard is."""
 EPISODES_FILE, REPORT_PAGE = "episodes.csv", "report.html"
 PROGRESS_FILE = "progress.csv"
 """A training's curves: a row per some hundred control steps."""

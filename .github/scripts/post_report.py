@@ -94,10 +94,10 @@ def comment(number: int, base: str, checked: Path) -> str:
     is_new = f"submissions/{name}/submission.toml" in added
     what = "" if is_new else ", **a change of a submission that exists: is it its owner's?**"
     return (
-        f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nIts files were checked, and the "
-        "suite smoke was played in the sandbox, with the program of the target branch. No number of "
-        "this enters the leaderboard: the row is played after the merge. A policy that leaves the "
-        f"sandbox could forge this text; see SECURITY.md.{end}"
+        f"{start}`{name}`: **{outcome}**{what}\n\n{as_code(text)}\n\nIts files were checked, and "
+        "the suite smoke was played in the sandbox, with the program of the target branch. No "
+        "number of this enters the leaderboard: the row is played after the merge. A policy that "
+        f"leaves the sandbox could forge this text; see SECURITY.md.{end}"
     )
 
 

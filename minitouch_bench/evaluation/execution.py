@@ -183,9 +183,9 @@ def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: C
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
         return opened
     callbacks.phase("episodes", len(opened.header.specs()))
-    for record in opened.records.values():
-        callbacks.episode(record)
     with resumable(opened.directory):
+        for record in opened.records.values():
+            callbacks.episode(record)
         run = play_missing(setup, opened, engine, callbacks.episode)
         if run.directory is None:
             return run

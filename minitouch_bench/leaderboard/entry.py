@@ -30,14 +30,14 @@ from minitouch_bench.machine import machine_facts
 from minitouch_bench.policies.sources import SubmittedTraining
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.plan import Plan, make_plan
-from minitouch_bench.runs.run import Run, parse_run
+from minitouch_bench.runs.run import Run, read_run
 
 RESULTS = files.REPORTS / "results"
 """Directory of the rows that were played, one folder each."""
 PLAY = files.REPORTS / "play"
 """Directory of rows that are being played."""
 
-ROW_FILE, RESULT_FILE = "row.toml", "run.json.gz"
+ROW_FILE = "row.toml"
 FRESH = "-fresh"
 """What the folder of a suite's fresh episodes ends in."""
 
@@ -161,15 +161,10 @@ class Entry:
         Raises:
             RunDirectoryError: the file is damaged, or the run is of other policies or rules.
         """
-        path = self.results / part.place / RESULT_FILE
+        path = self.results / part.place / files.PACKED_RUN_FILE
         if not path.exists():
             return None
-        try:
-            with files.os_errors_as(errors.RunDirectoryError, path, "read"):
-                content = gzip.decompress(files.read_file(path))
-        except (EOFError, ValueError) as error:
-            raise errors.RunDirectoryError(f"{path} is damaged: {error}") from error
-        run = parse_run(content, f"{self.name}/{part.place}", path.parent)
+        run = replace(read_run(path), name=f"{self.name}/{part.place}")
         header, digests = run.header, [policy.digest for policy in run.header.policies()]
         roles = (*Role,) if part.explores else (Role.FINAL,)
         if digests != [part.training.digest(role) for role in roles]:
@@ -315,4 +310,4 @@ def _play_part(
             opened = open_run(header, place, fresh=True)
         run = play(setup, opened, engine, callbacks)
     content = gzip.compress(run.content, mtime=0)
-    files.write_file(entry.results / part.place / RESULT_FILE, content)
+    files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)

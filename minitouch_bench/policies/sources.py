@@ -19,7 +19,13 @@ from msgspec import Meta
 
 from minitouch_bench import files
 from minitouch_bench.episode import Role, Sha256
-from minitouch_bench.errors import CheckpointChangedError, PolicyLoadError, UsageError, describe
+from minitouch_bench.errors import (
+    CheckpointChangedError,
+    InfrastructureError,
+    PolicyLoadError,
+    UsageError,
+    describe,
+)
 from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
@@ -373,7 +379,8 @@ def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFi
     """Return the file in the library's cache, only there without ``contact``, and its address.
 
     Raises:
-        PolicyLoadError: there is no such file, it is too large, or the Hub cannot be reached.
+        PolicyLoadError: there is no such file, or it is too large.
+        InfrastructureError: the Hub cannot be reached.
         MissingExtraError: the library is not installed.
     """
     library = require("huggingface_hub", "hub")
@@ -392,5 +399,8 @@ def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFi
     except PolicyLoadError:
         raise
     except Exception as error:  # of the library, of its HTTP client, of the system
-        raise PolicyLoadError(f"{asked} cannot be fetched: {describe(error)}") from error
+        status = getattr(getattr(error, "response", None), "status_code", None)
+        is_refused = isinstance(error, ValueError) or (status is not None and status < 500)
+        kind = PolicyLoadError if is_refused or not contact else InfrastructureError
+        raise kind(f"{asked} cannot be fetched: {describe(error)}") from error
     return Path(path), asked

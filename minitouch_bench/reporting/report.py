@@ -176,17 +176,12 @@ def report_card(report: Report, task: str) -> pages.Card:
 def view_directory(run: Path) -> Path:
     """Return where reports and videos of a finished run are written: its own directory.
 
-    Submissions stay as they are: the views of their runs are written to ``reports/NAME/...``, in
-    the working directory, or beside the submissions where that is one of them.
+    The results of a leaderboard's row stay as they are: the views of ``results/NAME/...`` are
+    written to ``reports/NAME/...`` in the working directory.
     """
-    submission = run.resolve().parent.parent
-    if not os.path.lexists(submission / files.SUBMISSION_FILE):
+    if not os.path.lexists(run / files.PACKED_RUN_FILE):
         return run
-    reports, place, beside = files.REPORTS, Path.cwd(), submission.parent
-    is_collection = beside.name == files.SUBMISSIONS.name
-    if place.is_relative_to(submission) or (is_collection and place == beside):
-        reports = (beside.parent if is_collection else beside) / files.REPORTS
-    return reports / run.resolve().relative_to(beside)
+    return files.REPORTS.joinpath(*run.resolve().parts[-3:])
 
 
 # The terminal

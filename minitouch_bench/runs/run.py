@@ -3,7 +3,10 @@
 Everything people look at is a view of it, and every check works on it.
 """
 
+import gzip
 import hashlib
+import os
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -250,6 +253,12 @@ class Run:
             UnreadableFileError: the file cannot be read.
         """
         path = self._path(files.ACTIONS_FILE)
+        if (path.parent / files.PACKED_RUN_FILE).exists():
+            words = ("minitouch-bench evaluate", self.header.policy.source, *self.plan.as_options())
+            raise UnreadableFileError(
+                f"{path.parent} is kept without its actions; the checkpoint gives them again: "
+                f"{' '.join(words)}"
+            )
         with files.os_errors_as(UnreadableFileError, path, "read"):
             return files.read_file(path, files.LARGEST_ACTIONS)
 
@@ -398,14 +407,21 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
 
 
 def read_run(directory: Path) -> Run:
-    """Read a run from its directory, or from the path of its ``run.json``.
+    """Read a run from its directory, or from the path of its ``run.json`` or ``run.json.gz``.
 
     Raises:
         RunDirectoryError: in one line that says what is wrong.
     """
-    file = directory if directory.name == files.RUN_FILE else directory / files.RUN_FILE
+    names = (files.RUN_FILE, files.PACKED_RUN_FILE)
+    file = directory if directory.name in names else directory / names[0]
+    if not os.path.lexists(file):
+        file = file.with_name(names[1])
     try:
         content = files.read_file(file)
+        if file.name == files.PACKED_RUN_FILE:
+            content = gzip.decompress(content)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise RunDirectoryError(f"{file} is damaged: {error}") from error
     except FileNotFoundError as error:
         if (file.parent / files.JOURNAL_FILE).exists():
             what = "contains an unfinished run: the command that began it finishes it with --resume"

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import sys
 import threading
 import tomllib
@@ -10,19 +11,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from minitouch_bench.leaderboard.proving import Prover
-from minitouch_bench.leaderboard.validation import validate
 
 from minitouch_bench.commands.submit import submit
-from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.leaderboard.site import build_board
+from minitouch_bench.leaderboard import packing
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address
 from tests.commands.command import run as run_here
 from tests.commands.command import run_installed as run
-from tests.leaderboard.synthetic import official_run, write_official
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 REFERENCE = f"hf://somebody/touch@{COMMIT}/nets/pushing.safetensors"
@@ -104,52 +101,41 @@ def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub
 
 @pytest.fixture
 def submitted(hub, tmp_path, monkeypatch):
-    """A submission of a run whose policy came from the Hub, by the bytes that it had there."""
+    """A submission that references the file of the Hub by its commit."""
     monkeypatch.chdir(tmp_path)
-
-    def make(content=hub.content):
-        digest = hashlib.sha256(content).hexdigest()
-        done = official_run(source=f"{ADDRESS}@{COMMIT}", digest=digest)
-        write_official(done, Path("reports/table4"))
-        submit([Path("reports/table4")], name="mine", training_steps=0)
-        return Path("submissions/mine")
-
-    return make
+    monkeypatch.setattr(packing, "_try_policies", lambda *_: None)
+    submit([ADDRESS], name="mine", training_steps=0)
+    return Path("submissions/mine")
 
 
-def test_a_checkpoint_on_the_hub_is_submitted_by_reference(hub, submitted, tmp_path, capsys):
-    place = submitted()
-    (file,) = tomllib.loads((place / "submission.toml").read_text())["seeds"][0]["checkpoints"]
-    assert file["path"] == REFERENCE
+def test_a_checkpoint_on_the_hub_is_submitted_by_reference_and_played(hub, submitted, tmp_path):
+    file = tomllib.loads((submitted / "submission.toml").read_text())["trainings"][0]
+    (file,) = file["checkpoints"]
+    assert file["address"] == REFERENCE
     assert file["sha256"] == hashlib.sha256(hub.content).hexdigest()
-    assert not list(place.rglob("*.safetensors"))
-    assert REFERENCE in capsys.readouterr().err
-    build_board(Path("submissions"), Path("board"))
-    assert not any("/resolve/" in path for path in hub.asked)
-    assert REFERENCE in Path("board/submission/mine.html").read_text()
-    done = run("leaderboard", "validate", place, directory=tmp_path)
-    assert done.code == 0, done.out + done.err
-    prover = Prover(validate(place), engine=None)
-    ((seed, _, evaluated),) = prover._runs()
-    source = prover._source(seed, Role.FINAL, evaluated.header.policy)
-    assert (source.kind, source.digest) == ("native", file["sha256"])
+    assert not list(submitted.rglob("*.safetensors"))
+    assert run("leaderboard", "check", "mine", directory=tmp_path).code == 0
+    done = run("evaluate", submitted / "seed-0", *ONE, "--output", "run", directory=tmp_path)
+    assert done.code == 0, done.err
+    policy = json.loads((tmp_path / "run" / "run.json").read_text())["header"]["policy"]
+    assert policy["digest"] == file["sha256"]
 
 
 def test_another_file_on_the_hub_is_refused(submitted, tmp_path):
-    done = run("leaderboard", "validate", submitted(b"other"), directory=tmp_path)
-    assert done.code == 1
-    assert f"{REFERENCE}: its SHA-256" in done.out
+    text = (submitted / "submission.toml").read_text()
+    other = re.sub('sha256 = "[0-9a-f]{64}"', f'sha256 = "{"0" * 64}"', text)
+    (submitted / "submission.toml").write_text(other)
+    run("leaderboard", "play", "mine", directory=tmp_path).refused(3, "SHA-256")
 
 
-def test_a_reference_that_cannot_be_fetched_is_no_fault_of_the_submission(
-    submitted, tmp_path, monkeypatch
+def test_a_hub_that_cannot_be_reached_is_no_fault_of_the_submission(
+    hub, submitted, tmp_path, monkeypatch
 ):
-    place = submitted()
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
-    done = run("leaderboard", "validate", place, directory=tmp_path)
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "empty"))
+    done = run("leaderboard", "play", "mine", directory=tmp_path)
     assert done.code == 5
-    assert "cannot be fetched" in done.out
-    assert done.out.count("\n") == 1
+    assert "cannot be fetched" in done.err
 
 
 def test_a_file_that_is_too_large_is_not_fetched(hub, tmp_path):

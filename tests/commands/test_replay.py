@@ -1,65 +1,52 @@
-"""Looking at the run of a submission, which stays as it is."""
-
-import html
-import re
-from pathlib import Path
+"""Looking at the runs of a leaderboard's row, which stay as they are."""
 
 import pytest
-from minitouch_bench.leaderboard.proof import ProofLevel
-from minitouch_bench.leaderboard.validation import validate
 
-from minitouch_bench.commands.report import report
-from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.runs.run import read_run
 from tests.commands.command import run
-from tests.leaderboard.synthetic import make_submission
+from tests.leaderboard.synthetic import make_row
 
-RUN = Path("submissions/hac/seed-0/table4")
-
-
-@pytest.fixture(scope="module")
-def submission(tmp_path_factory):
-    """A submission in a directory of submissions, which nobody may change."""
-    return make_submission(tmp_path_factory.mktemp("looked-at") / "submissions")
+PLACE = "results/hac/seed-0/table4"
 
 
 @pytest.fixture
-def inside(submission, monkeypatch):
-    """Work where the submissions are; what lies in this one must be the same afterwards."""
-    monkeypatch.chdir(submission.parents[1])
-    before = sorted(submission.rglob("*"))
-    yield submission
-    assert sorted(submission.rglob("*")) == before
-    assert validate(submission, trust_proofs=True).level is ProofLevel.VERIFIED  # of these bytes
+def root(tmp_path):
+    make_row(tmp_path, "hac")
+    return tmp_path
 
 
-def shortest(directory):
-    """Return the name of the episode with the fewest steps."""
-    row = min(read_run(directory).rows, key=lambda row: row.steps)
-    return f"{row.task}/{row.index}"
+@pytest.mark.parametrize("path", [PLACE, f"{PLACE}/run.json.gz"])
+def test_the_report_of_a_row_s_run_is_written_elsewhere(root, path):
+    before = sorted((root / "results").rglob("*"))
+    done = run("report", path, directory=root)
+    assert done.code == 0, done.err
+    assert sorted((root / "results").rglob("*")) == before
+    assert (root / "reports/hac/seed-0/table4/report.html").exists()
 
 
-@pytest.mark.parametrize("place", ["..", "seed-0/table4"])
-def test_even_where_one_works_among_the_submissions(inside, monkeypatch, place):
-    monkeypatch.chdir(inside / place)
-    report([inside / "seed-0" / "table4"])
-    assert (inside.parents[1] / "reports/hac/seed-0/table4/report.html").exists()
+@pytest.mark.parametrize("command", [("replay", PLACE, "pushing/1"), ("verify", PLACE)])
+def test_a_run_without_actions_says_how_to_get_them(root, command):
+    done = run(*command, directory=root)
+    assert (done.code, done.out) == (6, "")
+    assert "without its actions" in done.err
+    assert "minitouch-bench evaluate" in done.err
 
 
-@pytest.mark.usefixtures("inside")
-@pytest.mark.parametrize("run_path", [RUN, RUN / "run.json"])
-def test_the_report_of_a_submission_s_run_is_written_elsewhere(run_path):
-    report([run_path])
-    written = Path("reports/hac/seed-0/table4").iterdir()
-    assert {path.name for path in written} == {"report.html"}
+def test_two_rows_are_compared_without_actions(root):
+    make_row(root, "other", 0.5)
+    done = run("compare", PLACE, "results/other/seed-0/table4", directory=root)
+    assert done.code == 0, done.err
+    assert "A is better" in done.out
 
 
-def test_the_command_on_a_submission_s_page_shows_its_episode(inside):
-    root = inside.parents[1]
-    build_board(Path("submissions"), Path("board"))
-    page = html.unescape(Path("board/submission/hac.html").read_text())
-    (path,) = re.findall(r'"path":"([^"]*)"', page)
-    done = run("replay", path, shortest(RUN), directory=root)
-    assert done.out == f"reports/hac/seed-0/table4/replays/{shortest(RUN).replace('/', '-')}.html\n"
-    assert "NOT the bits" in done.err  # nobody simulated these episodes
-    assert "not the recorded episode" in (root / done.out.strip()).read_text()
+@pytest.mark.parametrize("content", [b"", b"\x1f\x8b" + bytes(20), b"text"])
+def test_a_damaged_file_is_named(root, content):
+    (root / PLACE / "run.json.gz").write_bytes(content)
+    run("report", PLACE, directory=root).refused(6, "run.json")
+
+
+def test_a_packed_run_is_the_run(root):
+    packed = read_run(root / PLACE)
+    (root / "plain").mkdir()
+    (root / "plain" / "run.json").write_bytes(packed.content)
+    assert read_run(root / "plain").summary == packed.summary

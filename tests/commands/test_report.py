@@ -2,7 +2,6 @@ import shutil
 
 import pytest
 
-from tests.altered import edit_document
 from tests.commands.command import run
 
 
@@ -22,23 +21,6 @@ def test_the_report_of_another_run_is_not_replaced(scripted, tmp_path):
     run(*words, directory=tmp_path).refused(6, "contains a run")
     run(*words, "first", directory=tmp_path).refused(6, "contains a run")
     assert (tmp_path / "first" / "report.html").read_bytes() == before
-
-
-def test_forces_that_are_missing_are_replayed(copy, tmp_path):
-    kept = (copy / "forces.csv").read_bytes()
-    assert b"pushing" in kept
-    (copy / "forces.csv").unlink()
-    assert run("report", copy, directory=tmp_path).code == 0
-    assert "--forces” replays" in (copy / "report.html").read_text()
-    assert run("report", copy, "--forces", directory=tmp_path).code == 0
-    assert (copy / "forces.csv").read_bytes() == kept
-    assert "--forces” replays" not in (copy / "report.html").read_text()
-    (copy / "forces.csv").unlink()
-    edit_document(copy / "run.json", lambda run: run["episodes"][0].update(digest="0" * 64))
-    refused = run("report", copy, "--forces", directory=tmp_path)
-    assert (refused.code, refused.out) == (5, "")
-    assert "verify" in refused.err
-    assert not (copy / "forces.csv").exists()
 
 
 def test_runs_are_called_what_the_user_says(scripted, copy, tmp_path):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.episode import PolicyIdentity, Role
-from minitouch_bench.files import write_file
+from minitouch_bench.files import PACKED_RUN_FILE, write_file
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard.entry import RESULT_FILE, ROW_FILE, Draw, Entry, Part, Row
+from minitouch_bench.leaderboard.entry import ROW_FILE, Draw, Entry, Part, Row
 from minitouch_bench.leaderboard.fresh import drop_p
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.policies.formats import BUILT_IN
@@ -72,7 +72,7 @@ def write_result(entry: Entry, part: Part, skill: float, faults: int = 0) -> Non
         for role in ((*Role,) if part.explores else (Role.FINAL,))
     }
     run = measured(played(part.plan, policies, skill, part.training.seed, faults))
-    path = entry.results / part.place / RESULT_FILE
+    path = entry.results / part.place / PACKED_RUN_FILE
     write_file(path, gzip.compress(run_json(run), mtime=0))
 
 

@@ -7,7 +7,6 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.reporting.charts import Band
 from minitouch_bench.reporting.figures import report_figures, steps_plot
 from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
-from minitouch_bench.runs.actions import ForceStep
 
 
 def parts(*runs):
@@ -38,8 +37,7 @@ def test_histograms_stack_to_100_percent_on_one_axis():
 
 
 def test_the_paper_is_never_on_an_axis_of_touch(hac):
-    forces = {"pushing": [ForceStep(20, 0.98, 1.0, 7.5), ForceStep(1, 2.0, 2.0, 2.0)]}
-    first, *_ = report_figures(*parts(hac), [forces])
+    first, *_ = report_figures(*parts(hac))
     rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in first.plots}
     assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
     assert rows["Playing"] == ["hac-seed1"]
@@ -48,5 +46,5 @@ def test_the_paper_is_never_on_an_axis_of_touch(hac):
 def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
     plan = replace(hac.plan, conditions=Perturbation(without=("forces",)))
     numb = replace(hac, header=replace(hac.header, plan=plan))
-    texts = [report_figures(*parts(run), [{}])[-1].text for run in (hac, numb)]
+    texts = [report_figures(*parts(run))[-1].text for run in (hac, numb)]
     assert ["given others: hac-seed1" in text for text in texts] == [False, True]

@@ -13,7 +13,7 @@ import pytest
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.metrics.summary import measure
-from minitouch_bench.runs.journal import LINE_UNIT, Journal
+from minitouch_bench.runs.journal import Journal
 from tests.reporting.synthetic import make_run
 
 PLAYED = make_run(tasks=("pushing", "opening", "pick-up"), episodes=2, exploration=False)
@@ -65,11 +65,6 @@ def test_a_cut_journal_loses_its_last_episode_and_no_later_one(journal, path):
         assert keys(path) == KEYS
 
 
-def test_a_journal_s_size_tells_the_number_of_its_episodes_alone(path):
-    _, *lines = path.read_bytes().split(b"\n")
-    assert {len(b"\n" + line) for line in lines} == {LINE_UNIT}
-
-
 def test_a_line_with_another_bit_costs_one_episode(journal, path):
     content = path.read_bytes()
     start = content.index(b"\n") + 1
@@ -116,7 +111,7 @@ def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal, path):
 KEEP = """
 import sys
 from pathlib import Path
-from minitouch_bench.runs.journal import LINE_UNIT, Journal
+from minitouch_bench.runs.journal import Journal
 from tests.runs.test_journal import resumed
 source, target = (resumed(Path(name)) for name in sys.argv[1:])
 print("begun", flush=True)

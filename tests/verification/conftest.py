@@ -7,8 +7,8 @@ from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.run import run_json
-from minitouch_bench.verification.replay_check import replay_run
-from minitouch_bench.verification.static_check import Findings, check_run
+from minitouch_bench.verification.replay_check import Findings, replay_run
+from minitouch_bench.verification.static_check import check_run
 from tests.evaluation.runs import request, run
 from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 

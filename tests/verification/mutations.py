@@ -23,7 +23,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import typer
-from minitouch_bench.leaderboard.validation import validate
 
 from minitouch_bench.commands.report import report
 from minitouch_bench.comparison.comparison import compare_runs
@@ -40,8 +39,8 @@ from minitouch_bench.files import (
     lock_directory,
     write_file,
 )
-from minitouch_bench.leaderboard.packing import copy_run
 from minitouch_bench.leaderboard.site import build_board
+from minitouch_bench.leaderboard.submission import check_submission
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.actions import write_actions
@@ -238,7 +237,6 @@ def readers_of_a_run(
 
     yield "verify", lambda: verify_run(read_run(directory), engine)
     yield "compare", lambda: compare_runs([read_run(sound), read_run(directory)], ["a", "b"])
-    yield "pack", lambda: copy_run(directory, directory.parent / "packed")
     yield "report", lambda: report([directory])
     yield "resume", resume
 
@@ -246,8 +244,9 @@ def readers_of_a_run(
 def readers_of_a_submission(
     directory: Path, sound: Path, engine: Replayed
 ) -> Iterator[tuple[str, Callable[[], object]]]:
-    yield "validate", lambda: validate(directory)
-    yield "build", lambda: build_board(directory.parent, directory.parents[1] / "board")
+    arena = directory.parents[1]
+    yield "check", lambda: [*check_submission(directory)]
+    yield "build", lambda: build_board(directory.parent, arena / "board", arena / "results")
 
 
 def within_limits(read: Callable[[], object], memory: int) -> str:
