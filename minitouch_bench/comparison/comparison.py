@@ -29,8 +29,8 @@ COMPARISON_VERSION = 3
 class ComparedMetric:
     """One metric of one task in two runs, and what it shows.
 
-    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve`` would show
-    the difference if it is as observed, None for no difference or too many.
+    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve``, of each
+    task, would show the difference if it is as observed; None for no difference or too many.
     """
 
     effect: Effect
@@ -229,7 +229,7 @@ def comparison_notes() -> tuple[str, ...]:
         "difference, among so many rows it may be chance.",
         "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
         "arrow has no better direction.",
-        f"Episodes to resolve: about so many, for a power of {100 * POWER:g} % at "
+        f"Episodes to resolve: about so many of each task, for a power of {100 * POWER:g} % at "
         f"{ALPHA_IN_WORDS}, if the difference is as observed.",
     )
 

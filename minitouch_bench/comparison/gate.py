@@ -343,7 +343,7 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     needed = pairing.episodes_needed(values, 2.0 * level, allowed)
     if needed is None:
         return None
-    per_task = -(-max(needed, effect.difference.count + 1) // len(values.tasks))
+    per_task = max(needed, effect.difference.count // len(values.tasks) + 1)
     return per_task if per_task <= MAX_EPISODES else None
 
 

@@ -247,8 +247,9 @@ MOST_EPISODES = 1_000_000
 def episodes_needed(
     values: PairedValues, level: float, tolerance: float | None = None
 ) -> int | None:
-    """Return about how many episodes settle a difference in four of five cases, if it is as seen.
+    """Return about how many episodes of each task settle a difference in four of five cases.
 
+    The difference is taken to be as seen.
     ``tolerance``: see ``Statistic``; None where any difference is to be shown.
     None is returned for no difference or too many episodes.
     """
@@ -256,7 +257,7 @@ def episodes_needed(
     if tolerance is None:
         worse, tolerance = worse * np.sign(worse.mean()), 0.0
     needed = METRICS[values.metric].statistic.episodes_needed(worse, level, tolerance)
-    return math.ceil(needed) if needed <= MOST_EPISODES else None
+    return math.ceil(needed / len(values.tasks)) if needed <= MOST_EPISODES else None
 
 
 # What is said of two runs

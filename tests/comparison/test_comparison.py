@@ -1,4 +1,5 @@
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -133,6 +134,21 @@ def test_a_run_beside_itself_is_identical():
         ("equal in every episode", 1.0, None)
     }
     assert not compared(GOOD, BAD).pairs[0].identical
+
+
+def test_episodes_to_resolve_are_of_each_task_in_the_mean_too():
+    """A difference that all tasks have alike takes fewer episodes of each where they are pooled."""
+    tasks = ("pushing", "opening", "pick-up")
+    first, second = (
+        make_saved({task: values(flags(won, 40)) for task in tasks}, str(won)) for won in (30, 25)
+    )
+    found = {
+        one.effect.task: one.episodes_to_resolve
+        for one in compared(first, second).pairs[0].metrics
+        if one.effect.metric == "success"
+    }
+    assert found["pushing"] == found["opening"] == found["pick-up"]
+    assert found["mean"] == math.ceil(found["pushing"] / 3)
 
 
 def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
