@@ -51,6 +51,11 @@ def role_of(key: str) -> Role:
     return Role.EXPLORATION if is_exploration else Role.FINAL
 
 
+def task_of(key: str) -> str:
+    """Return the task that an episode's key names."""
+    return key.split("/")[-2]
+
+
 @dataclass(frozen=True, order=True)
 class EpisodeSpec:
     """An episode before it is played, and so without an outcome: all that fixes it but the policy.

@@ -111,7 +111,7 @@ def _keep_forces(run: "Run") -> None:
         callbacks.phase("replaying", len(run.header.specs()))
         found = replay_run(run, engine, keep)
     for problem in found.problems:
-        raise IncompleteCheckError(f"{run.name}: {problem}; “minitouch-bench verify” says more")
+        raise IncompleteCheckError(f"{run.place}: {problem}; “minitouch-bench verify” says more")
     write_forces(run.digest, records, directory)
 
 

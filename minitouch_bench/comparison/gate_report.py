@@ -262,7 +262,8 @@ def _reason(result: GateResult) -> str:
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
-    return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
+    settled = f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
+    return f"{settled}; {result.obstacle}" if result.obstacle else settled
 
 
 def gate_notes(result: GateResult) -> tuple[str, ...]:

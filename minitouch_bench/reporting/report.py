@@ -113,7 +113,7 @@ def _forces(run: Run) -> ForceCurves:
 
 
 def _protocol_of(run: Run) -> str:
-    return f"'{run.name}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
+    return f"'{printable(run.place)}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
 
 
 def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[str, ...]:

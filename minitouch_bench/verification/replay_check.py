@@ -147,7 +147,7 @@ def run_again(
             problems += found
     if unsaid and not problems:
         raise IncompleteCheckError(
-            f"{run.name}: {len(unsaid)} of {len(records)} episodes cannot be compared; {unsaid[0]}"
+            f"{run.place}: {len(unsaid)} of {len(records)} episodes cannot be compared; {unsaid[0]}"
         )
     return Findings(tuple(problems), reran=len(records))
 
