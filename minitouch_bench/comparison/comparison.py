@@ -240,7 +240,7 @@ def comparison_notes() -> tuple[str, ...]:
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    console.print(tables.on_screen(comparison_blocks(comparison, gate_report.SHOWN_CHANGES)))
+    tables.show(comparison_blocks(comparison, gate_report.SHOWN_CHANGES), console)
 
 
 def comparison_markdown(comparison: Comparison) -> str:

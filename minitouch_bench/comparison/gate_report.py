@@ -36,7 +36,8 @@ SHOWN_CHANGES = 20
 def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
     """Lay out a task's values in both runs, their difference, and what follows."""
     values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
-    return tables.make_row(task_title(effect.task), *values, difference_text(effect), *cells)
+    difference = difference_cell(effect.metric, effect.difference)
+    return tables.make_row(task_title(effect.task), *values, difference, *cells)
 
 
 def tables_by_metric(
@@ -116,7 +117,7 @@ def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are the answer, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
     changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
-    console.print(tables.on_screen((*result_blocks(result), *changes, "")))
+    tables.show((*result_blocks(result), *changes, ""), console)
     style = STYLES.get(result.decision, OPEN_STYLE)
     console.print(Text(result_line(result), style=style), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)

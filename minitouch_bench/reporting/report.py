@@ -202,7 +202,7 @@ def view_directory(run: Path) -> Path:
 
 def show_report(report: Report, console: Console) -> None:
     """Print the tables."""
-    console.print(tables.on_screen(report_blocks(report)))
+    tables.show(report_blocks(report), console)
 
 
 def report_blocks(report: Report) -> Iterator[Block]:
