@@ -34,6 +34,9 @@ MEAN_METRIC = "success"
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""
 
+SIMULATOR = "pybullet"
+"""How the names of the simulator's distributions begin; a run has one of them."""
+
 Pairs = Mapping[str, tuple[Episode, Episode]]
 """Episodes as two policies played them, by their key inside both runs, as ``pushing/17``."""
 
@@ -355,9 +358,12 @@ def exploration_left_out(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _making(run: Run) -> dict[str, str]:
+    packages = {**run.environment.packages}
+    builds = [name for name in packages if name.startswith(SIMULATOR)]
     return {
         "isolation": run.header.isolation,
         "seconds for an action": f"{run.plan.limits.act_timeout_s:g}",
-        **run.environment.packages,
+        "simulator": ", ".join(f"{name} {packages.pop(name)}" for name in builds),
+        **packages,
         "processor": run.environment.machine.get("processor", "unknown"),
     }

@@ -179,6 +179,16 @@ def test_what_is_not_alike_beside_the_policies_is_said():
     assert compared(GOOD, BAD).pairs[0].notes == ()
 
 
+def test_two_builds_of_the_simulator_are_one_difference():
+    packages = {**GOOD.environment.packages, "pybullet-arm64": "3.2.8"}
+    del packages["pybullet"]
+    other = replace(GOOD_TOO, environment=replace(GOOD_TOO.environment, packages=packages))
+    (note,) = compared(GOOD, other).pairs[0].notes
+    assert "pybullet 3.2.7" in note
+    assert "pybullet-arm64 3.2.8" in note
+    assert "none" not in note
+
+
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
     document = json.loads(comparison_json(comparison))
