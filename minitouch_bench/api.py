@@ -139,7 +139,7 @@ def evaluate(
             with resumable(directory):
                 write_views(run, directory)
                 if video or replays:
-                    film_run(
+                    viewers = film_run(
                         run,
                         directory,
                         videos=video,
@@ -147,7 +147,7 @@ def evaluate(
                         workers=running.workers,
                         callbacks=callbacks,
                     )
-                    write_views(run, directory)
+                    write_views(run, directory, viewers)
     return run
 
 

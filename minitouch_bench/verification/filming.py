@@ -157,8 +157,10 @@ def film_run(
     replays: int = 0,
     workers: int,
     callbacks: Callbacks,
-) -> None:
+) -> dict[str, Path]:
     """Film episodes of each task: the first ones as ``videos``, and ``replays``, failures first.
+
+    Returns the replays by episode.
 
     Raises:
         RunDirectoryError: a file cannot be written.
@@ -179,6 +181,9 @@ def film_run(
         partial(film_to_files, run), longest_first, workers, name=lambda job: f"film {job[0].key}"
     ):
         callbacks.episode(played)
+    return {
+        spec.key: path for spec, paths in jobs.items() for path in paths if path.suffix == ".html"
+    }
 
 
 def _first(run: Run, count: int) -> Iterator[EpisodeSpec]:
