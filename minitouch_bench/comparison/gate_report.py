@@ -11,7 +11,7 @@ from rich.text import Text
 
 from minitouch_bench.comparison.gate import Decision, GateResult
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import IncompleteCheckError, printable
+from minitouch_bench.errors import IncompleteCheckError, numbered, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
@@ -131,7 +131,7 @@ def gate_markdown(result: GateResult) -> str:
     lines += tables.as_markdown(result_blocks(result))
     if result.changes:
         titles = (result.baseline.title, result.candidate.title)
-        title = f"{len(result.changes)} episodes ended in another way"
+        title = f"{numbered(len(result.changes), 'episode')} ended in another way"
         lines += ["", f"<details><summary>{title}</summary>"]
         lines += tables.as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
         lines += ["", "</details>"]

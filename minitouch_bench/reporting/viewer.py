@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodePage, Film, Outcome
-from minitouch_bench.errors import printable
+from minitouch_bench.errors import numbered, printable
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
@@ -84,13 +84,13 @@ def in_words(film: Film, fault: str = "") -> str:
     trace, outcome = film.played.trace, film.played.outcome
     steps, touching = len(trace.actions), np.flatnonzero(trace.contact_ticks) + 1
     what = "door" if film.played.spec.task == OPENING.name else "object"
-    contact = f"a finger touched the {what} in {len(touching)} of {steps} steps"
+    contact = f"a finger touched the {what} in {len(touching)} of {numbered(steps, 'step')}"
     if not len(touching):
-        contact = f"no finger touched the {what} in {steps} steps"
+        contact = f"no finger touched the {what} in {numbered(steps, 'step')}"
     elif touching[-1] < steps * 3 / 4:
         contact += f", the last time at step {touching[-1]}"
     if fault:
-        return f"The policy failed after {steps} steps: {fault}"
+        return f"The policy failed after {numbered(steps, 'step')}: {fault}"
     if outcome is Outcome.SUCCESS:
         return f"Success at step {steps}; {contact}."
     if outcome is Outcome.LEFT_WORKSPACE:

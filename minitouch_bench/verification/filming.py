@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodePage, EpisodeSpec, Film, PlayedEpisode, Role
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, numbered
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import run_episode
@@ -174,7 +174,7 @@ def film_run(
         for spec in specs:
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
     workers = min(workers, core_count())
-    callbacks.note(f"the report is written; filming {len(jobs)} episodes")
+    callbacks.note(f"the report is written; filming {numbered(len(jobs), 'episode')}")
     callbacks.phase("filming", len(jobs))
     longest_first = sorted(jobs.items(), key=lambda job: -len(run.actions_of(job[0].key)))
     for _, played in run_in_workers(
