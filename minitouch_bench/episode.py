@@ -168,6 +168,9 @@ class EpisodePage:
         write_file(Path(path), self.html)
         return Path(path)
 
+    def __repr__(self) -> str:
+        return f"<EpisodePage of {self.title}>"
+
     def _repr_html_(self) -> str:
         title, content = escape(self.title), escape(self.html)
         style = "width:100%;height:900px;border:0"

@@ -107,7 +107,7 @@ STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "bold red"}
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 4
+RESULT_VERSION = 5
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"

@@ -4,6 +4,7 @@ A text for a terminal or for Markdown is a list of blocks: headings, lines, tabl
 """
 
 import csv
+import html
 import io
 import re
 from collections import Counter
@@ -178,20 +179,50 @@ def _on_screen(blocks: Iterable[Block], width: int) -> Group:
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Return what a terminal of PAGE_WIDTH shows, without its styles."""
-    return "\n".join(line.rstrip() for line in _printed(blocks).export_text().splitlines())
-
-
-def as_html(blocks: Iterable[Block]) -> str:
-    """Return the same with its styles, for a notebook."""
-    form = '<pre style="line-height:normal;overflow-x:auto">{code}</pre>'
-    return _printed(blocks).export_html(inline_styles=True, code_format=form)
-
-
-def _printed(blocks: Iterable[Block]) -> Console:
     # A notebook would show by itself what is printed here, in addition to the returned text.
     console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
     show(blocks, console)
-    return console
+    return "\n".join(line.rstrip() for line in console.export_text().splitlines())
+
+
+def as_html(blocks: Iterable[Block]) -> str:
+    """Return the blocks for a notebook, which has a style of its own for tables."""
+    return "".join(map(_html_block, blocks))
+
+
+def _html_block(block: Block) -> str:
+    match block:
+        case Heading():
+            return f"<h4>{_escape_html(block.text)}</h4>"
+        case NoteBlock():
+            return f"<p><small>{_escape_html(block.text)}</small></p>"
+        case Table():
+            return f"<p><b>{_escape_html(block.title)}</b></p>{_html_table(block)}"
+        case _:
+            return f"<p>{_escape_html(block)}</p>" if block else ""
+
+
+def _html_table(table: Table) -> str:
+    columns = (*make_columns(*table.corner, words=table.corner), *table.columns)
+    lines = [
+        _html_row("th", columns, (f"{c.label} (paper)" if c.is_paper else c.label for c in columns))
+    ]
+    lines += (_html_row("td", columns, (*row.heads, *map(str, row.cells))) for row in table.rows)
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _html_row(kind: str, columns: Iterable[Column], texts: Iterable[str]) -> str:
+    cells = []
+    for column, text in zip(columns, texts, strict=True):
+        shown = _escape_html(text)
+        shown = f"<code>{shown}</code>" if column.is_code and kind == "td" else shown
+        side = "left" if column.is_text else "right"
+        cells.append(f'<{kind} style="text-align:{side}">{shown}</{kind}>')
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _escape_html(text: str) -> str:
+    return html.escape(printable(text))
 
 
 @dataclass(frozen=True)
