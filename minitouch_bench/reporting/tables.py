@@ -261,15 +261,14 @@ def _longest(texts: Iterable[str]) -> int:
 
 def _screen_tables(table: Table, width: int) -> Iterator[RichTable]:
     """Yield a table; where its columns do not fit, in parts that have the same row heads."""
-    by_head = zip(*(row.heads for row in table.rows), strict=True)
-    by_column = zip(*(row.cells for row in table.rows), strict=True)
     heads = [
-        _ScreenColumn(Column(label, is_text=True), tuple(map(Cell, texts)))
-        for label, texts in zip(table.corner, by_head, strict=True)
+        _ScreenColumn(Column(label, is_text=True), tuple(Cell(row.heads[i]) for row in table.rows))
+        for i, label in enumerate(table.corner)
     ]
     part: list[_ScreenColumn] = []
-    for one in map(_ScreenColumn, table.columns, by_column):
-        if part and sum(column.least for column in (*heads, *part, one)) > width:
+    for i, column in enumerate(table.columns):
+        one = _ScreenColumn(column, tuple(row.cells[i] for row in table.rows))
+        if part and sum(other.least for other in (*heads, *part, one)) > width:
             yield _draw([*heads, *part], width)
             part = []
         part.append(one)

@@ -45,6 +45,14 @@ def test_a_narrow_screen_has_every_number_that_a_wide_one_has(width, runs):
             assert numbers(narrow).count(number) == numbers(wide).count(number), number
 
 
+def test_a_table_without_a_value_has_its_heads_alone():
+    """Playing has no success, ours or the paper's."""
+    run = save(make_run("hac", tasks=("playing",), exploration=False))
+    lines = on_screen(80, show_report, build_report([run], metrics=("success",)))
+    assert lines[0] == "Playing"
+    assert "Metric" in lines[1]
+
+
 def test_names_stay_beside_the_numbers_that_were_split_from_them(runs):
     """Where four runs do not fit, each part of the table names its rows again."""
     lines = on_screen(80, show_report, build_report(runs, tasks=("pushing",)))
