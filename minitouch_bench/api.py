@@ -142,7 +142,7 @@ def evaluate(
             with resumable(directory):
                 write_views(run, directory)
                 if video or replays:
-                    film_run(
+                    viewers = film_run(
                         run,
                         directory,
                         videos=video,
@@ -150,7 +150,7 @@ def evaluate(
                         workers=running.workers,
                         callbacks=callbacks,
                     )
-                    write_views(run, directory)
+                    write_views(run, directory, viewers)
     return run
 
 

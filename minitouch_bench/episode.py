@@ -52,6 +52,11 @@ def role_of(key: str) -> Role:
     return Role.EXPLORATION if is_exploration else Role.FINAL
 
 
+def task_of(key: str) -> str:
+    """Return the task that an episode's key names."""
+    return key.split("/")[-2]
+
+
 @dataclass(frozen=True, order=True)
 class EpisodeSpec:
     """An episode before it is played, and so without an outcome: all that fixes it but the policy.
@@ -184,6 +189,9 @@ class EpisodePage:
         """
         write_file(Path(path), self.html)
         return Path(path)
+
+    def __repr__(self) -> str:
+        return f"<EpisodePage of {self.title}>"
 
     def _repr_html_(self) -> str:
         title, content = escape(self.title), escape(self.html)

@@ -166,6 +166,11 @@ def _is_seen(character: str) -> bool:
     return character not in UNSEEN_CHARACTERS and not is_control
 
 
+def numbered(count: int, noun: str) -> str:
+    """Return a number with its noun, as "1 episode" or "2 episodes"."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 MAX_TEXT = 200
 """Characters kept of any text that comes from a policy."""
 

@@ -5,6 +5,7 @@ Progress is bars in a terminal, one bar in a notebook, and otherwise one line pe
 
 import html
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -34,10 +35,13 @@ WIDE = 110
 
 @cache
 def notes() -> "Console":
-    """Return the console of stderr."""
+    """Return the console of stderr; FORCE_COLOR makes no bars in a file."""
     from rich.console import Console
 
-    return Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    is_screen = None if sys.stderr.isatty() else False
+    return Console(
+        stderr=True, soft_wrap=True, highlight=False, emoji=False, force_terminal=is_screen
+    )
 
 
 def note(text: str, style: str = "") -> None:
@@ -49,8 +53,8 @@ def data_console() -> "Console":
     """Return the console of stdout, as wide as the screen; a pipe or a file cuts no line."""
     from rich.console import Console
 
-    console = Console(emoji=False)
-    return console if console.is_terminal else Console(width=PIPED_WIDTH, emoji=False)
+    # Not ``Console.is_terminal``, which FORCE_COLOR sets for a pipe too.
+    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, emoji=False)
 
 
 def print_problems(name: str, problems: Iterable[object]) -> None:

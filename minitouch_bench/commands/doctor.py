@@ -34,7 +34,7 @@ def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> 
     else:
         table = Table(show_header=False, box=None, pad_edge=False)
         for check in checks:
-            table.add_row(SIGNS[check.verdict], check.name, Text(check.text))
+            table.add_row(SIGNS[check.verdict], check.name, Text(check.text, overflow="fold"))
         console = data_console()
         console.print(table)
         if failed:

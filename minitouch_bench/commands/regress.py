@@ -3,7 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,9 @@ from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
 from minitouch_bench.policies.policy import SANDBOXED, Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
+
+if TYPE_CHECKING:
+    from minitouch_bench.comparison.gate import GateResult
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -107,13 +110,13 @@ def regress(
     isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
     chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
     _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
-    from minitouch_bench.comparison import gate, gate_report
+    from minitouch_bench.comparison import gate, gate_report, pairing
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.reporting.report import write_views
-    from minitouch_bench.runs.run import Run, read_run, run_digest
+    from minitouch_bench.runs.run import Run, read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
     allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
@@ -127,9 +130,7 @@ def regress(
         opening = open_engine(engine, workers, address)
         if before.exploration_rows:
             note("the baseline's exploration episodes are left out: POLICY has none")
-            before = replace(
-                before, digest=run_digest(before.header, before.rows), exploration_rows=()
-            )
+            before = pairing.without_exploration(before)
         gate.judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)
@@ -155,8 +156,14 @@ def regress(
         write_file(junit, gate_report.gate_junit(result))
     if summary is not None:
         _append_summary(summary, gate_report.gate_markdown(result))
+    _end_as(result)
+
+
+def _end_as(result: "GateResult") -> None:
     if result.exit_code:
         raise typer.Exit(result.exit_code)
+    if result.decision.is_open and result.settings.lenient:
+        note(f"warning: {result.decision.value} to decide; --lenient lets it pass", "bold yellow")
 
 
 def _append_summary(file: Path, text: str) -> None:

@@ -7,7 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
-from minitouch_bench.errors import CHECK_FAILED, UsageError
+from minitouch_bench.errors import CHECK_FAILED, UsageError, numbered
 from minitouch_bench.files import REPLAYS, make_folder, view_name
 
 VIEWER = ".html"
@@ -63,6 +63,6 @@ def replay(
     is_same = replay_check.is_as_recorded(opened, played)
     bits = "the same bits as recorded" if is_same else "NOT the bits that were recorded"
     ending, steps = row.outcome.replace("_", " "), len(played.trace.actions)
-    note(f"{episode}: {ending} after {steps} steps; {bits}")
+    note(f"{episode}: {ending} after {numbered(steps, 'step')}; {bits}")
     if not is_same:
         raise typer.Exit(CHECK_FAILED)

@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli.console import count_progress, note
 from minitouch_bench.cli.options import Command, make_group
+from minitouch_bench.errors import numbered
 
 app = make_group(help="Make, check, view and exchange sets of shapes.")
 
@@ -27,7 +28,7 @@ def generate(
 
     with count_progress("shapes") as progress:
         digest = workflow.generate(output, count, seed, workers, progress)
-    print(f"{count} shapes in {output}, digest {digest}")
+    print(f"{numbered(count, 'shape')} in {output}, digest {digest}")
 
 
 @app.command(cls=Command)
@@ -46,7 +47,7 @@ def check(
     for problem in problems:
         print(problem)
     if problems:
-        note(f"{folder}: {len(problems)} problems")
+        note(f"{folder}: {numbered(len(problems), 'problem')}")
         raise typer.Exit(1)
     print(f"{len(shapes.shapes)} shapes are as listed, digest {shapes.digest}")
 
@@ -113,4 +114,4 @@ def export(
     from minitouch_bench.shapegen.manifest import load_shape_set
 
     count = exchange.export(load_shape_set(folder), output, form, split)
-    print(f"{count} files in {output}")
+    print(f"{numbered(count, 'file')} in {output}")

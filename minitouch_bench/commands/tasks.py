@@ -8,7 +8,7 @@ from minitouch_bench.cli.console import data_console
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 HEADINGS = (
-    "task", "Gymnasium id", "action", "workspace x; y; z (m)", "objects", "steps", "success",
+    "Gymnasium id", "action", "workspace x; y; z (m)", "objects", "steps", "success",
 )  # fmt: skip
 
 
@@ -30,12 +30,12 @@ def tasks(as_json: options.AsJson = False) -> None:
         suites = [asdict(suite) for suite in PROTOCOL.suites]
         print(json.dumps({"protocol": PROTOCOL.name, "tasks": listed, "suites": suites}, indent=1))
         return
-    from rich.table import Table
+    from minitouch_bench.reporting import tables
 
-    table = Table(*HEADINGS, title=f"Tasks of the protocol {PROTOCOL.name}", title_justify="left")
+    rows = []
     for task in PROTOCOL.tasks:
         ranges = zip(task.workspace.low, task.workspace.high, strict=True)
-        table.add_row(
+        row = tables.make_row(
             task.name,
             task.gym_id,
             f"float32 ({task.action_size},)",
@@ -44,4 +44,7 @@ def tasks(as_json: options.AsJson = False) -> None:
             f"at most {task.max_steps}",
             task.goal or "none: touch is the metric",
         )
-    data_console().print(table)
+        rows.append(row)
+    columns = tables.make_columns(*HEADINGS, words=HEADINGS)
+    title = f"Tasks of the protocol {PROTOCOL.name}"
+    tables.show([tables.Table(title, ("task",), columns, tuple(rows))], data_console())

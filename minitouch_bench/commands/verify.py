@@ -124,9 +124,11 @@ def _show(found: "Findings", run: Path) -> None:
     if len(found.problems) > SHOWN:
         lines.append(f"... and {len(found.problems) - SHOWN} more")
     if found.replayed:
-        lines.append(f"{found.replayed} episodes replayed from their recorded actions")
+        lines.append(
+            f"{errors.numbered(found.replayed, 'episode')} replayed from their recorded actions"
+        )
     if found.reran:
-        lines.append(f"{found.reran} episodes run again with the checkpoint")
+        lines.append(f"{errors.numbered(found.reran, 'episode')} run again with the checkpoint")
     answer, style = f"{run} is not verified", "bold red"
     if found.passed:
         answer = f"{run} is verified: every number follows from its episodes"

@@ -29,8 +29,8 @@ COMPARISON_VERSION = 3
 class ComparedMetric:
     """One metric of one task in two runs, and what it shows.
 
-    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve`` would show
-    the difference if it is as observed, None for no difference or too many.
+    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve``, of each
+    task, would show the difference if it is as observed; None for no difference or too many.
     """
 
     effect: Effect
@@ -103,7 +103,8 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    paired = [pairing.pair_runs(*_shared_parts(runs[0], other)) for other in runs[1:]]
+    shared = [pairing.share_roles(_shared_parts(runs[0], other)) for other in runs[1:]]
+    paired = [pairing.pair_runs(*both) for both in shared]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
     tested = [
         [
@@ -120,7 +121,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
             RunPair(
                 first=first.title,
                 second=other.title,
-                identical=pairing.are_identical(runs[0], run, pairs),
+                identical=pairing.are_identical(both[0], both[1], pairs),
                 metrics=tuple(
                     ComparedMetric(
                         effect,
@@ -133,27 +134,30 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
                 changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
                 notes=tuple(pairing.differences_of_making(runs[0], run)),
             )
-            for other, run, pairs, row in zip(named[1:], runs[1:], paired, tested, strict=True)
+            for other, run, both, pairs, row in zip(
+                named[1:], runs[1:], shared, paired, tested, strict=True
+            )
         ),
     )
 
 
 def _shared_parts(first: Run, second: Run) -> tuple[Run, Run]:
-    """Return two runs without the tasks, and the exploration, that only one of them has.
+    """Return two runs without the tasks that only one of them has.
 
     Raises:
         UsageError: they have no task in common.
     """
     tasks = [task for task in first.tasks if task in second.tasks]
     if not tasks:
-        of_each = " and ".join(f"'{run.name}' of {', '.join(run.tasks)}" for run in (first, second))
+        of_each = " and ".join(
+            f"'{run.place}' of {', '.join(run.tasks)}" for run in (first, second)
+        )
         raise UsageError(f"no task to compare: {printable(of_each)}")
-    explored = first.exploration_rows and second.exploration_rows
     shared = []
     for run in (first, second):
         rows, exploration = (
             tuple(row for row in part if row.task in tasks)
-            for part in (run.rows, run.exploration_rows if explored else ())
+            for part in (run.rows, run.exploration_rows)
         )
         shared.append(replace(run, rows=rows, exploration_rows=exploration))
     return shared[0], shared[1]
@@ -229,14 +233,14 @@ def comparison_notes() -> tuple[str, ...]:
         "difference, among so many rows it may be chance.",
         "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
         "arrow has no better direction.",
-        f"Episodes to resolve: about so many, for a power of {100 * POWER:g} % at "
+        f"Episodes to resolve: about so many of each task, for a power of {100 * POWER:g} % at "
         f"{ALPHA_IN_WORDS}, if the difference is as observed.",
     )
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    console.print(tables.on_screen(comparison_blocks(comparison, gate_report.SHOWN_CHANGES)))
+    tables.show(comparison_blocks(comparison, gate_report.SHOWN_CHANGES), console)
 
 
 def comparison_markdown(comparison: Comparison) -> str:

@@ -22,12 +22,13 @@ from minitouch_bench.comparison.pairing import (
     PairedValues,
     Pairs,
 )
-from minitouch_bench.episode import Outcome, Role, role_of
+from minitouch_bench.episode import Outcome, Role, role_of, task_of
 from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, SHARE, holm
+from minitouch_bench.policies.sources import is_still
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
@@ -173,6 +174,7 @@ class GateResult:
 
     ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
     candidate's runs took. ``trainings``: of each run, where there are several on each side.
+    ``obstacle``: why a longer baseline cannot be made of what is here, "" where it can.
     """
 
     baseline: ComparedRun
@@ -187,6 +189,7 @@ class GateResult:
     next_command: str
     wall_s: float
     trainings: tuple[TrainingValue, ...] = ()
+    obstacle: str = ""
 
     @property
     def exit_code(self) -> int:
@@ -207,6 +210,8 @@ def judge_runs(
         UsageError: the runs cannot be paired, or have none of the metric.
     """
     refuse_other_rules(baseline, candidate.header)
+    notes = tuple(pairing.differences_of_making(baseline, candidate))
+    baseline, candidate = pairing.share_roles((baseline, candidate))
     pairs = pairing.pair_runs(baseline, candidate)
     tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
     values = endpoint_values(pairs, tasks, settings)
@@ -217,6 +222,7 @@ def judge_runs(
     effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
     per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
+    obstacle = _obstacle_of(endpoint, baseline)
     names = [printable(run.header.policy.name) for run in (baseline, candidate)]
     return GateResult(
         baseline=ComparedRun("baseline", names[0], paths[0], run_labels(baseline)),
@@ -227,9 +233,10 @@ def judge_runs(
         endpoint=endpoint,
         per_task=per_task,
         changes=changes,
-        notes=tuple(pairing.differences_of_making(baseline, candidate)),
-        next_command=_next_command(endpoint, changes, baseline, paths),
+        notes=notes,
+        next_command=_next_command(endpoint, changes, baseline, paths, obstacle),
         wall_s=candidate.environment.wall_s,
+        obstacle=obstacle,
     )
 
 
@@ -239,7 +246,7 @@ def refuse_other_rules(baseline: Run, candidate: RunHeader) -> None:
     Raises:
         UsageError: the line names the tasks whose rules differ, or what else does.
     """
-    header, name = baseline.header, printable(baseline.name)
+    header, name = baseline.header, printable(baseline.place)
     again = "make the baseline again"
     if other := header.rules_differ(candidate):
         raise UsageError(
@@ -343,29 +350,50 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     needed = pairing.episodes_needed(values, 2.0 * level, allowed)
     if needed is None:
         return None
-    per_task = -(-max(needed, effect.difference.count + 1) // len(values.tasks))
+    per_task = max(needed, effect.difference.count // len(values.tasks) + 1)
     return per_task if per_task <= MAX_EPISODES else None
 
 
+def _obstacle_of(endpoint: Endpoint, baseline: Run) -> str:
+    """Say why a longer baseline cannot be made of what is here; "" where it can, or need not."""
+    policies = zip(Role, baseline.header.policies(), strict=False)
+    changed = [policy for role, policy in policies if not is_still(policy, baseline.tasks, role)]
+    if not changed or endpoint.episodes_needed is None:
+        return ""
+    source, digest = printable(changed[0].source), changed[0].digest
+    if not digest:
+        return f"a longer baseline needs its own policy: {source} may be another one now"
+    return (
+        f"a longer baseline needs its own policy, of SHA-256 {digest[:12]}: {source} is another "
+        "one now, or gone"
+    )
+
+
 def _next_command(
-    endpoint: Endpoint, changes: Sequence[OutcomeChange], baseline: Run, paths: tuple[str, str]
+    endpoint: Endpoint,
+    changes: Sequence[OutcomeChange],
+    baseline: Run,
+    paths: tuple[str, str],
+    obstacle: str,
 ) -> str:
     """Return the command line that leads on from here.
 
     After a regression it replays an episode that was lost, if the candidate's actions are kept;
-    where more episodes would settle the matter it makes a baseline of so many; otherwise it
-    compares the runs in full.
+    where more episodes would settle the matter it makes a baseline of so many, unless there is an
+    ``obstacle``; otherwise it compares the runs in full.
     """
     role = METRICS[endpoint.effect.metric].role
     replays = [
         change.replays[1]
         for change in changes
-        if change.first is Outcome.SUCCESS and role_of(change.episode) is role
+        if change.first is Outcome.SUCCESS
+        and role_of(change.episode) is role
+        and task_of(change.episode) in endpoint.tasks
     ]
     if endpoint.decision is Decision.REGRESSION and any(replays):
         return replays[0]
     # A policy plays no exploration episodes.
-    can_play = role is Role.FINAL and not baseline.plan.chosen
+    can_play = role is Role.FINAL and not baseline.plan.chosen and not obstacle
     if (number := endpoint.episodes_needed) and can_play:
         plan = replace(baseline.plan, episodes=number)
         if evaluate := reproduce_command(replace(baseline.header, plan=plan)):

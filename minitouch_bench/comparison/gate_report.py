@@ -11,7 +11,7 @@ from rich.text import Text
 
 from minitouch_bench.comparison.gate import Decision, GateResult
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import IncompleteCheckError, printable
+from minitouch_bench.errors import IncompleteCheckError, numbered, printable
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
@@ -36,7 +36,8 @@ SHOWN_CHANGES = 20
 def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
     """Lay out a task's values in both runs, their difference, and what follows."""
     values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
-    return tables.make_row(task_title(effect.task), *values, difference_text(effect), *cells)
+    difference = difference_cell(effect.metric, effect.difference)
+    return tables.make_row(task_title(effect.task), *values, difference, *cells)
 
 
 def tables_by_metric(
@@ -106,7 +107,7 @@ STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "bold red"}
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 4
+RESULT_VERSION = 5
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"
@@ -116,7 +117,7 @@ def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are the answer, and what to type next."""
     titles = (result.baseline.title, result.candidate.title)
     changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
-    console.print(tables.on_screen((*result_blocks(result), *changes, "")))
+    tables.show((*result_blocks(result), *changes, ""), console)
     style = STYLES.get(result.decision, OPEN_STYLE)
     console.print(Text(result_line(result), style=style), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)
@@ -130,7 +131,7 @@ def gate_markdown(result: GateResult) -> str:
     lines += tables.as_markdown(result_blocks(result))
     if result.changes:
         titles = (result.baseline.title, result.candidate.title)
-        title = f"{len(result.changes)} episodes ended in another way"
+        title = f"{numbered(len(result.changes), 'episode')} ended in another way"
         lines += ["", f"<details><summary>{title}</summary>"]
         lines += tables.as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
         lines += ["", "</details>"]
@@ -262,7 +263,8 @@ def _reason(result: GateResult) -> str:
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
-    return f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
+    settled = f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
+    return f"{settled}; {result.obstacle}" if result.obstacle else settled
 
 
 def gate_notes(result: GateResult) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import NAMED, Run
+from minitouch_bench.runs.run import NAMED, Run, run_digest
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""
@@ -33,6 +33,9 @@ MEAN_METRIC = "success"
 
 WORSE_SIGNS = {UP: -1.0, DOWN: 1.0}
 """Sign of a change for the worse, by a metric's better direction."""
+
+SIMULATOR = "pybullet"
+"""How the names of the simulator's distributions begin; a run has one of them."""
 
 Pairs = Mapping[str, tuple[Episode, Episode]]
 """Episodes as two policies played them, by their key inside both runs, as ``pushing/17``."""
@@ -57,7 +60,7 @@ def pair_runs(first: Run, second: Run) -> Pairs:
         [key for key in one if key not in other] for one, other in ((here, there), (there, here))
     )
     one_sided = [
-        f"only '{plain_line(run.name, 80)}' has {first_of(keys, NAMED)}" if keys else ""
+        f"only '{plain_line(run.place)}' has {first_of(keys, NAMED)}" if keys else ""
         for run, keys in zip(runs, alone, strict=True)
     ]
     _refuse_other("episodes", runs, one_sided)
@@ -69,7 +72,7 @@ def pair_runs(first: Run, second: Run) -> Pairs:
 
 def _refuse_other(what: str, runs: tuple[Run, Run], values: Sequence[object]) -> None:
     if values[0] != values[1]:
-        names = " and ".join(f"'{plain_line(run.name, 80)}'" for run in runs)
+        names = " and ".join(f"'{plain_line(run.place)}'" for run in runs)
         differing = "; ".join(plain_line(str(value), 200) for value in values if value != "")
         raise UsageError(f"{names} are not of the same episodes: their {what} differ ({differing})")
 
@@ -88,8 +91,21 @@ def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
     ]
     by_key = dict(rows)
     if not 0 < len(rows) == len(by_key):
-        raise UsageError(f"'{plain_line(run.name, 80)}' holds no episodes, or one of them twice")
+        raise UsageError(f"'{plain_line(run.place)}' holds no episodes, or one of them twice")
     return by_key
+
+
+def share_roles(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return the runs, without their exploration episodes unless all of them have some."""
+    if all(run.exploration_rows for run in runs):
+        return tuple(runs)
+    return tuple(without_exploration(run) if run.exploration_rows else run for run in runs)
+
+
+def without_exploration(run: Run) -> Run:
+    """Return a run without its exploration policy, with the digest of what is left."""
+    header = replace(run.header, exploration=None)
+    return replace(run, digest=run_digest(header, run.rows), header=header, exploration_rows=())
 
 
 def are_identical(first: Run, second: Run, pairs: Pairs) -> bool:
@@ -247,8 +263,9 @@ MOST_EPISODES = 1_000_000
 def episodes_needed(
     values: PairedValues, level: float, tolerance: float | None = None
 ) -> int | None:
-    """Return about how many episodes settle a difference in four of five cases, if it is as seen.
+    """Return about how many episodes of each task settle a difference in four of five cases.
 
+    The difference is taken to be as seen.
     ``tolerance``: see ``Statistic``; None where any difference is to be shown.
     None is returned for no difference or too many episodes.
     """
@@ -256,7 +273,7 @@ def episodes_needed(
     if tolerance is None:
         worse, tolerance = worse * np.sign(worse.mean()), 0.0
     needed = METRICS[values.metric].statistic.episodes_needed(worse, level, tolerance)
-    return math.ceil(needed) if needed <= MOST_EPISODES else None
+    return math.ceil(needed / len(values.tasks)) if needed <= MOST_EPISODES else None
 
 
 # What is said of two runs
@@ -323,10 +340,8 @@ def differences_of_making(first: Run, second: Run) -> Iterator[str]:
         yield f"{printable(task)} is left out: its rules differ"
     for one_run, other_run in ((first, second), (second, first)):
         if alone := [task for task in one_run.tasks if task not in other_run.tasks]:
-            yield printable(f"left out, because '{other_run.name}' has none: {', '.join(alone)}")
-    if bool(first.exploration_rows) != bool(second.exploration_rows):
-        without = second if first.exploration_rows else first
-        yield f"exploration is left out: '{printable(without.name)}' has none"
+            yield printable(f"left out, because '{other_run.place}' has none: {', '.join(alone)}")
+    yield from exploration_left_out((first, second))
     here, there = _making(first), _making(second)
     for what in {**here, **there}:
         one, other = here.get(what, "none"), there.get(what, "none")
@@ -334,10 +349,21 @@ def differences_of_making(first: Run, second: Run) -> Iterator[str]:
             yield printable(f"{what}: {one} in the first run, {other} in the second")
 
 
+def exploration_left_out(runs: Sequence[Run]) -> Iterator[str]:
+    """Say which runs have no exploration episodes where others have."""
+    lacking = [f"'{printable(run.place)}'" for run in runs if not run.exploration_rows]
+    if 0 < len(lacking) < len(runs):
+        has = "has" if len(lacking) == 1 else "have"
+        yield f"exploration is left out: {first_of(lacking, NAMED)} {has} none"
+
+
 def _making(run: Run) -> dict[str, str]:
+    packages = {**run.environment.packages}
+    builds = [name for name in packages if name.startswith(SIMULATOR)]
     return {
         "isolation": run.header.isolation,
         "seconds for an action": f"{run.plan.limits.act_timeout_s:g}",
-        **run.environment.packages,
+        "simulator": ", ".join(f"{name} {packages.pop(name)}" for name in builds),
+        **packages,
         "processor": run.environment.machine.get("processor", "unknown"),
     }

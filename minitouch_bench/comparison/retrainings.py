@@ -50,6 +50,9 @@ def judge_trainings(
         UsageError: a side has one run, or one training twice; there are too few episodes; the runs
             are not of the same episodes, or have none of the metric.
     """
+    notes = tuple(pairing.exploration_left_out([*sides[0], *sides[1]]))
+    shared = pairing.share_roles([*sides[0], *sides[1]])
+    sides = shared[: len(sides[0])], shared[len(sides[0]) :]
     first, tasks = sides[0][0], tasks_in_order(sides[0][:1])
     deciding, by_metric, sets = [], [], []
     trainings: list[gate.TrainingValue] = []
@@ -79,7 +82,7 @@ def judge_trainings(
     shown = (printable(one.path) for one in trainings)
     return gate.GateResult(
         sets[0], sets[1], endpoint.decision, settings, False, endpoint,
-        gate.judge_tasks(effects, endpoint, settings.alpha), changes=(), notes=(),
+        gate.judge_tasks(effects, endpoint, settings.alpha), changes=(), notes=notes,
         next_command=shlex.join(["minitouch-bench", "report", *shown]),
         wall_s=sum(run.environment.wall_s for run in sides[1]),
         trainings=tuple(trainings),

@@ -18,10 +18,11 @@ from typing import Annotated
 from msgspec import Meta
 
 from minitouch_bench import files
-from minitouch_bench.episode import Role, Sha256
+from minitouch_bench.episode import PolicyIdentity, Role, Sha256
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
+    MiniTouchError,
     PolicyLoadError,
     UsageError,
     describe,
@@ -165,6 +166,20 @@ def parse_source(
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
         f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute, http://... or hf://..."
     )
+
+
+def is_still(recorded: PolicyIdentity, tasks: Sequence[str], role: Role) -> bool:
+    """Tell whether what a run recorded as its policy is still there, bit for bit.
+
+    Nobody is contacted: a recorded address of the Hub names a commit, which stays as it is. Of a
+    server and of Python code it cannot be known.
+    """
+    if recorded.kind in BUILT_IN or recorded.source.startswith(HUB):
+        return True
+    with suppress(MiniTouchError):
+        found = parse_source(recorded.source, tasks, role=role, contact=False)
+        return bool(recorded.digest) and found.digest == recorded.digest
+    return False
 
 
 def trained_task(source: PolicySource) -> str | None:

@@ -32,7 +32,7 @@ LONGEST_NAME = 16
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points; ``width`` in drawing units."""
+    """A line through points, or the only one as a dot; ``width`` in drawing units."""
 
     points: tuple[tuple[float, float], ...]
     tone: str

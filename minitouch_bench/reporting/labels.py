@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.episode import IN_MEMORY
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError, numbered, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
@@ -125,8 +125,8 @@ def _method(estimate: Estimate) -> str:
 
 def counted(estimate: Estimate) -> str:
     """Say how many episodes or training seeds an estimate is over."""
-    what = "training seeds" if "training seeds" in estimate.method else "episodes"
-    return f"{estimate.count} {what}"
+    what = "training seed" if "training seeds" in estimate.method else "episode"
+    return numbered(estimate.count, what)
 
 
 def _percent(share: float) -> float:
@@ -172,7 +172,7 @@ class RunSection:
         plan = self.run.plan
         if plan.chosen:
             return printable(f"episodes {', '.join(plan.chosen)}")
-        return f"{plan.episodes} episodes per task"
+        return f"{numbered(plan.episodes, 'episode')} per task"
 
 
 def describe_runs(
@@ -224,8 +224,7 @@ def fault_lines(section: RunSection) -> list[str]:
     """Return a line per fault of a run: what went wrong, how often and in which episodes."""
     lines = []
     for text, episodes in section.faults.items():
-        count = len(episodes)
-        times = f"{count} {'episode' if count == 1 else 'episodes'}"
+        times = numbered(len(episodes), "episode")
         lines.append(f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})")
     return lines
 
@@ -248,8 +247,8 @@ def run_labels(run: Run) -> tuple[str, ...]:
         reasons = "; ".join(header.unofficial_because)
         labels.append(f"unofficial: {reasons}" if reasons else "unofficial")
     if faults:
-        count, more = len(run.faults), ", and others" if len(faults) > 1 else ""
-        labels.append(f"{count} policy {'fault' if count == 1 else 'faults'}: {faults[0]}{more}")
+        more = ", and others" if len(faults) > 1 else ""
+        labels.append(f"{numbered(len(run.faults), 'policy fault')}: {faults[0]}{more}")
     clipped = sum(row.clipped_actions for row in run.rows)
     share = clipped / max(1, sum(row.steps for row in run.rows))
     if share > MUCH_CLIPPING:

@@ -19,8 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
-from minitouch_bench import files
-from minitouch_bench.episode import Episode, Outcome, Role, episode_key
+from minitouch_bench.episode import Episode, Outcome, Role
 from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
@@ -197,8 +196,9 @@ class BrowsedRun:
 
     ``path``: what ``replay`` takes as the run, wherever the page is. ``address``: of the run's
     directory, relative to the page; a page that is opened from a disk shows the path it leads to.
-    ``viewers``: addresses of the viewers that were made, by episode. ``policy``: what ``evaluate``
-    takes, for a run whose actions are not kept; ``path`` is "" then.
+    ``viewers``: addresses of the viewers that this process made, by episode. What lies in a run's
+    directory may be a stranger's page, so it is not looked for. ``policy``: what ``evaluate`` takes,
+    for a run whose actions are not kept; ``path`` is "" then.
     """
 
     title: str
@@ -207,21 +207,6 @@ class BrowsedRun:
     address: str = ""
     viewers: Mapping[str, str] = field(default_factory=dict)
     policy: str = ""
-
-
-def find_viewers(run: Run, replays: Path, page: Path) -> dict[str, str]:
-    """Return the addresses of a run's viewers for a page in the directory ``page``, by episode."""
-    names = set(os.listdir(replays)) if files.is_folder(replays) else set()
-    keys = (episode_key(role, row.task, row.index) for role, rows in run.by_role() for row in rows)
-    found = {key: replays / files.view_name(key, ".html") for key in keys}
-    there = ((key, path) for key, path in found.items() if path.name in names)
-    return {key: relative_address(path, page) for key, path in there if _is_of(path, run)}
-
-
-def _is_of(viewer: Path, run: Run) -> bool:
-    """Tell whether a viewer shows an episode of this run, and not of one that was there before."""
-    with viewer.open("rb") as file:
-        return f'content="{run.digest}"'.encode() in file.read(files.KIB)
 
 
 def relative_address(path: Path, page: Path) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from markupsafe import Markup
@@ -60,11 +61,12 @@ def build_report(
     tasks: Sequence[str] = (),
     metrics: Sequence[str] = (),
     directory: Path | None = None,
+    viewers: Mapping[str, Path] = MappingProxyType({}),
 ) -> Report:
     """Compose the report of one or several runs.
 
-    ``directory``: where its page will be written, with links to the viewers of episodes that lie
-    beside the runs.
+    ``directory``: where its page will be written. ``viewers``: the pages of episodes of a single run
+    that this process wrote, by episode.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
     those of Table 4, () for the usual ones.
@@ -91,21 +93,25 @@ def build_report(
         table4=report_tables.table4(sections, tasks, metrics),
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
-        episodes=pages.browser_data([_browsed(section, directory) for section in sections], tasks),
+        episodes=pages.browser_data(
+            [_browsed(section, directory, viewers) for section in sections], tasks
+        ),
         videos=tuple(videos),
     )
 
 
-def _browsed(section: labels.RunSection, page: Path | None) -> pages.BrowsedRun:
+def _browsed(
+    section: labels.RunSection, page: Path | None, viewers: Mapping[str, Path]
+) -> pages.BrowsedRun:
     run, there = section.run, section.run.directory
     if page is None or there is None:
         return pages.BrowsedRun(section.name, run, "RUN")
-    viewers = pages.find_viewers(run, view_directory(there) / files.REPLAYS, page)
-    return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), viewers)
+    known = {key: pages.relative_address(path, page) for key, path in viewers.items()}
+    return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), known)
 
 
 def _protocol_of(run: Run) -> str:
-    return f"'{run.name}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
+    return f"'{printable(run.place)}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
 
 
 def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[str, ...]:
@@ -118,8 +124,12 @@ def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[st
 # Pages
 
 
-def write_views(run: Run, directory: Path) -> None:
+def write_views(
+    run: Run, directory: Path, viewers: Mapping[str, Path] = MappingProxyType({})
+) -> None:
     """Write ``episodes.csv`` and ``report.html`` of a run, with the videos in its directory.
+
+    ``viewers``: see ``build_report``.
 
     Raises:
         RunDirectoryError: one cannot be written.
@@ -127,7 +137,7 @@ def write_views(run: Run, directory: Path) -> None:
     rows = tables.rows_csv(EPISODE_COLUMNS, map(episode_row, run.rows))
     files.write_file(directory / files.EPISODES_FILE, rows)
     videos = find_videos(files.list_videos(directory), directory)
-    report = build_report([run], videos, directory=directory)
+    report = build_report([run], videos, directory=directory, viewers=viewers)
     write_page(report, directory)
 
 
@@ -189,7 +199,7 @@ def view_directory(run: Path) -> Path:
 
 def show_report(report: Report, console: Console) -> None:
     """Print the tables."""
-    console.print(tables.on_screen(report_blocks(report)))
+    tables.show(report_blocks(report), console)
 
 
 def report_blocks(report: Report) -> Iterator[Block]:

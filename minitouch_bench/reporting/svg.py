@@ -25,6 +25,9 @@ CHARACTER = 6.4
 PAD = 7
 """Space around dots, so that one at the end of an axis is drawn whole."""
 
+POINT = 5.0
+"""Size of a line's only point."""
+
 TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
 """Heights: a chart's title, the numbers and the label below the last chart, between charts."""
 
@@ -150,6 +153,8 @@ def _grid(frame: PlotArea) -> Iterator[str]:
 
 def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
     match mark:
+        case charts.Line(points=((x, y),)):  # as a line it would not be seen
+            yield _dot(charts.Dot(x, y, mark.tone, size=POINT), frame.x(x), frame.y(y))
         case charts.Line():
             more = f' stroke-width="{mark.width:g}"{_faint(mark.opacity)}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]

@@ -4,16 +4,19 @@ A text for a terminal or for Markdown is a list of blocks: headings, lines, tabl
 """
 
 import csv
+import html
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.cells import cell_len
+from rich.console import Console, Group, RenderableType
 from rich.constrain import Constrain
+from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -139,18 +142,25 @@ class NoteBlock:
 Block = Heading | NoteBlock | Table | str
 """A string is a line; on a page it is an item of a list. An empty one parts what is around it."""
 
-PAPER_WIDTH = 9
-"""Characters of a terminal in a column of the paper's values."""
-
 NOTE_WIDTH = 120
 """Characters in a line of a remark, however wide the screen."""
 
 PAGE_WIDTH = 10_000
 """Characters in a line of a text that no terminal shows: no table is cut."""
 
+WORD_WIDTH, LEAST_WIDTH = 20, 4
+"""Characters that a column of words keeps on a narrow, and on the narrowest screen."""
 
-def on_screen(blocks: Iterable[Block]) -> Group:
-    """Return the blocks for a terminal; text is never read as markup."""
+INDENT, GAP = 1, 2
+"""Characters of a terminal before a table, and between two columns."""
+
+
+def show(blocks: Iterable[Block], console: Console) -> None:
+    """Print blocks. No number is cut on a narrow screen; text is never read as markup."""
+    console.print(_on_screen(blocks, console.width), crop=False)
+
+
+def _on_screen(blocks: Iterable[Block], width: int) -> Group:
     parts: list[RenderableType] = []
     for block in blocks:
         match block:
@@ -159,7 +169,9 @@ def on_screen(blocks: Iterable[Block]) -> Group:
             case NoteBlock():
                 parts.append(Constrain(Text(block.text, style="dim"), NOTE_WIDTH))
             case Table():
-                parts.append(_screen_table(block))
+                drawn = _screen_tables(block, width - INDENT + GAP)  # the last one needs no gap
+                parts += [Text(block.title, style="bold")]
+                parts += [Padding(one, (0, 0, 0, INDENT), expand=False) for one in drawn]
             case _:
                 parts.append(Text(block))
     return Group(*parts)
@@ -167,35 +179,122 @@ def on_screen(blocks: Iterable[Block]) -> Group:
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Return what a terminal of PAGE_WIDTH shows, without its styles."""
-    return "\n".join(line.rstrip() for line in _printed(blocks).export_text().splitlines())
+    # A notebook would show by itself what is printed here, in addition to the returned text.
+    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
+    show(blocks, console)
+    return "\n".join(line.rstrip() for line in console.export_text().splitlines())
 
 
 def as_html(blocks: Iterable[Block]) -> str:
-    """Return the same with its styles, for a notebook."""
-    form = '<pre style="line-height:normal;overflow-x:auto">{code}</pre>'
-    return _printed(blocks).export_html(inline_styles=True, code_format=form)
+    """Return the blocks for a notebook, which has a style of its own for tables."""
+    return "".join(map(_html_block, blocks))
 
 
-def _printed(blocks: Iterable[Block]) -> Console:
-    # A notebook would show by itself what is printed here, in addition to the returned text.
-    console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
-    console.print(on_screen(blocks))
-    return console
+def _html_block(block: Block) -> str:
+    match block:
+        case Heading():
+            return f"<h4>{_escape_html(block.text)}</h4>"
+        case NoteBlock():
+            return f"<p><small>{_escape_html(block.text)}</small></p>"
+        case Table():
+            return f"<p><b>{_escape_html(block.title)}</b></p>{_html_table(block)}"
+        case _:
+            return f"<p>{_escape_html(block)}</p>" if block else ""
 
 
-def _screen_table(table: Table) -> RichTable:
-    drawn = RichTable(title=Text(table.title, style="bold"), title_justify="left", box=None)
-    for head in table.corner:
-        drawn.add_column(Text(head), no_wrap=True)
-    for column in table.columns:
-        style = "dim" if column.is_paper else ""
-        head = f"{column.label} (paper)" if column.is_paper else column.label
-        justify: JustifyMethod = "left" if column.is_text else "right"
-        # On a narrow screen "(paper)" goes below the name, and leaves room for our intervals.
-        width = PAPER_WIDTH if column.is_paper else None
-        drawn.add_column(Text(head), justify=justify, style=style, overflow="fold", max_width=width)
-    for row in table.rows:
-        drawn.add_row(*map(Text, row.heads), *(Text(str(cell)) for cell in row.cells))
+def _html_table(table: Table) -> str:
+    columns = (*make_columns(*table.corner, words=table.corner), *table.columns)
+    lines = [
+        _html_row("th", columns, (f"{c.label} (paper)" if c.is_paper else c.label for c in columns))
+    ]
+    lines += (_html_row("td", columns, (*row.heads, *map(str, row.cells))) for row in table.rows)
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _html_row(kind: str, columns: Iterable[Column], texts: Iterable[str]) -> str:
+    cells = []
+    for column, text in zip(columns, texts, strict=True):
+        shown = _escape_html(text)
+        shown = f"<code>{shown}</code>" if column.is_code and kind == "td" else shown
+        side = "left" if column.is_text else "right"
+        cells.append(f'<{kind} style="text-align:{side}">{shown}</{kind}>')
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _escape_html(text: str) -> str:
+    return html.escape(printable(text))
+
+
+@dataclass(frozen=True)
+class _ScreenColumn:
+    """A column of a terminal. On a narrow screen intervals go below their numbers."""
+
+    column: Column
+    cells: tuple[Cell, ...]
+
+    @property
+    def head(self) -> str:
+        """Its name."""
+        return f"{self.column.label}\n(paper)" if self.column.is_paper else self.column.label
+
+    @property
+    def width(self) -> int:
+        """Characters of its longest line, and of the gap to the next column."""
+        return GAP + _longest((*self.head.splitlines(), *map(str, self.cells)))
+
+    @property
+    def least(self) -> int:
+        """The same on a narrow screen."""
+        words, numbers = self.head.split(), [part for one in self.cells for part in _parts(one)]
+        if self.column.is_text:
+            words, numbers = [*words, *(word for part in numbers for word in part.split())], []
+        return GAP + max(min(_longest(words), WORD_WIDTH), _longest(numbers))
+
+
+def _parts(cell: Cell) -> tuple[str, str]:
+    return cell.text, cell.small
+
+
+def _longest(texts: Iterable[str]) -> int:
+    return max(map(cell_len, texts), default=0)
+
+
+def _screen_tables(table: Table, width: int) -> Iterator[RichTable]:
+    """Yield a table; where its columns do not fit, in parts that have the same row heads."""
+    heads = [
+        _ScreenColumn(Column(label, is_text=True), tuple(Cell(row.heads[i]) for row in table.rows))
+        for i, label in enumerate(table.corner)
+    ]
+    part: list[_ScreenColumn] = []
+    for i, column in enumerate(table.columns):
+        one = _ScreenColumn(column, tuple(row.cells[i] for row in table.rows))
+        if part and sum(other.least for other in (*heads, *part, one)) > width:
+            yield _draw([*heads, *part], width)
+            part = []
+        part.append(one)
+    yield _draw([*heads, *part], width)
+
+
+def _draw(columns: Sequence[_ScreenColumn], width: int) -> RichTable:
+    drawn = RichTable(box=None, pad_edge=False)
+    is_narrow = sum(column.width for column in columns) > width
+    spare = width - sum(column.least for column in columns)
+    for one in columns:
+        taken = one.least if is_narrow else one.width
+        if is_narrow and one.column.is_text:
+            taken = max(GAP + LEAST_WIDTH, min(one.least + spare, one.width))
+            spare -= taken - one.least
+        drawn.add_column(
+            Text(one.head, overflow="fold"),
+            width=taken - GAP,
+            justify="left" if one.column.is_text else "right",
+            style="dim" if one.column.is_paper else "",
+        )
+    for cells in zip(*(one.cells for one in columns), strict=True):
+        parts = (
+            f"{cell.text}\n{cell.small}".rstrip() if is_narrow else str(cell) for cell in cells
+        )
+        drawn.add_row(*(Text(part, overflow="fold") for part in parts))
     return drawn
 
 

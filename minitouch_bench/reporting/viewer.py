@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodePage, Film, Outcome
-from minitouch_bench.errors import printable
+from minitouch_bench.errors import numbered, printable
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
@@ -41,7 +41,7 @@ AIMS = {
 """What a policy is to do, for somebody who sees a task for the first time."""
 
 STILL = {"cm": 0.5, "°": 1.0}
-"""An object that moved less was not moved."""
+"""An object or a door that was never farther from its start did not move."""
 SCENE_QUALITY = 90
 """Of WebP, 0 to 100."""
 
@@ -68,7 +68,15 @@ def progress_of(film: Film) -> Progress:
     if (target := film.played.start.target) is not None:
         distance = 100 * np.hypot(*(state[:, :2] - target).T)
         return Progress("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
-    return Progress("Object from its start", "cm", 100 * np.linalg.norm(state - state[0], axis=1))
+    return Progress("Object from its start", "cm", _displacement(film))
+
+
+def _displacement(film: Film) -> NDArray[np.float64]:
+    """Return how far the object is from its start, in cm, or the door, in degrees: T + 1 values."""
+    moved = np.linalg.norm(
+        film.played.trace.object_state - film.played.trace.object_state[0], axis=1
+    )
+    return np.degrees(moved) if film.played.spec.task == OPENING.name else 100 * moved
 
 
 def in_words(film: Film, fault: str = "") -> str:
@@ -76,26 +84,27 @@ def in_words(film: Film, fault: str = "") -> str:
     trace, outcome = film.played.trace, film.played.outcome
     steps, touching = len(trace.actions), np.flatnonzero(trace.contact_ticks) + 1
     what = "door" if film.played.spec.task == OPENING.name else "object"
-    contact = f"a finger touched the {what} in {len(touching)} of {steps} steps"
-    if len(touching) and touching[-1] < steps * 3 / 4:
+    contact = f"a finger touched the {what} in {len(touching)} of {numbered(steps, 'step')}"
+    if not len(touching):
+        contact = f"no finger touched the {what} in {numbered(steps, 'step')}"
+    elif touching[-1] < steps * 3 / 4:
         contact += f", the last time at step {touching[-1]}"
     if fault:
-        return f"The policy failed after {steps} steps: {fault}"
+        return f"The policy failed after {numbered(steps, 'step')}: {fault}"
     if outcome is Outcome.SUCCESS:
         return f"Success at step {steps}; {contact}."
     if outcome is Outcome.LEFT_WORKSPACE:
         return f"The object left the workspace at step {steps}; {contact}."
-    if not len(touching):
-        return f"Never touched the {what} in {steps} steps."
-    return f"{_what_touching_did(progress_of(film))}; {contact}."
+    return f"{_what_was_reached(film, what)}; {contact}."
 
 
-def _what_touching_did(progress: Progress) -> str:
+def _what_was_reached(film: Film, what: str) -> str:
+    progress, moved = progress_of(film), _displacement(film).max()
     values, unit = progress.values, progress.unit
-    if np.abs(values - values[0]).max() < STILL[unit]:
-        return "Pressed without moving anything"
+    if moved < STILL[unit]:
+        return f"The {what} did not move"
     if progress.goal is None:
-        return f"Moved the object by {values.max():.1f} {unit}"
+        return f"The {what} moved by up to {moved:.1f} {unit}"
     best = values.min() if values[0] > progress.goal else values.max()
     reached = f"{best:.1f} {unit} at best, the goal is {progress.goal} {unit}"
     return f"Did not reach the goal: {progress.title.lower()} {reached}"

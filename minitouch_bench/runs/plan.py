@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
-from minitouch_bench.errors import UsageError
+from minitouch_bench.errors import UsageError, numbered
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
@@ -206,7 +206,7 @@ class Plan:
         is_usual = self.tasks == _usual_tasks(suite, with_objects=bool(self.objects))
         words = list(self.chosen or (() if is_usual else self.tasks))
         if self.episodes != suite.episodes_per_task:
-            words.append(f"{self.episodes} {'episode' if self.episodes == 1 else 'episodes'}")
+            words.append(numbered(self.episodes, "episode"))
         if self.seed != suite.seed:
             words.append(f"seed {self.seed}")
         return (*words, *self.changes_in_words())

@@ -184,6 +184,11 @@ class Run:
         return self.header.plan
 
     @property
+    def place(self) -> str:
+        """What messages call the run: its directory, or its name where it has none."""
+        return str(self.directory or self.name)
+
+    @property
     def tasks(self) -> tuple[str, ...]:
         """The tasks of the run."""
         return self.plan.tasks

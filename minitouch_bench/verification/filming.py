@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodePage, EpisodeSpec, Film, PlayedEpisode, Role
-from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.errors import RunDirectoryError, numbered
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import run_episode
@@ -156,8 +156,10 @@ def film_run(
     replays: int = 0,
     workers: int,
     callbacks: Callbacks,
-) -> None:
+) -> dict[str, Path]:
     """Film episodes of each task: the first ones as ``videos``, and ``replays``, failures first.
+
+    Returns the replays by episode.
 
     Raises:
         RunDirectoryError: a file cannot be written.
@@ -171,13 +173,16 @@ def film_run(
         for spec in specs:
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
     workers = min(workers, core_count())
-    callbacks.note(f"the report is written; filming {len(jobs)} episodes")
+    callbacks.note(f"the report is written; filming {numbered(len(jobs), 'episode')}")
     callbacks.phase("filming", len(jobs))
     longest_first = sorted(jobs.items(), key=lambda job: -len(run.actions_of(job[0].key)))
     for _, played in run_in_workers(
         partial(film_to_files, run), longest_first, workers, name=lambda job: f"film {job[0].key}"
     ):
         callbacks.episode(played)
+    return {
+        spec.key: path for spec, paths in jobs.items() for path in paths if path.suffix == ".html"
+    }
 
 
 def _first(run: Run, count: int) -> Iterator[EpisodeSpec]:

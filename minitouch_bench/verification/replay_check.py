@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, PlayedEpisode, Role
-from minitouch_bench.errors import IncompleteCheckError, UsageError
+from minitouch_bench.errors import IncompleteCheckError, UsageError, numbered
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
 from minitouch_bench.metrics.summary import measure, with_curves
@@ -164,7 +164,7 @@ def run_again(
             problems += found
     if unsaid and not problems:
         raise IncompleteCheckError(
-            f"{run.name}: {len(unsaid)} of {len(records)} episodes cannot be compared; {unsaid[0]}"
+            f"{run.place}: {len(unsaid)} of {len(records)} episodes cannot be compared; {unsaid[0]}"
         )
     return Findings(tuple(problems), reran=len(records))
 
@@ -197,5 +197,5 @@ def _first_other_step(recorded: Actions, again: Actions) -> str:
         if action.tobytes() != other.tobytes():
             return f"action {step} was {action.tolist()}, when run again {other.tolist()}"
     if len(recorded) != len(again):
-        return f"{len(recorded)} steps recorded, {len(again)} when run again"
+        return f"{numbered(len(recorded), 'step')} recorded, {len(again)} when run again"
     return "the actions are the same, the trajectory is not: is it the same processor?"

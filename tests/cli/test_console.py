@@ -40,6 +40,21 @@ def test_no_word_between_colons_becomes_a_picture(capsys):
     console.notes.cache_clear()
 
 
+def test_colors_in_a_pipe_make_no_screen_of_it(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    console.notes.cache_clear()
+    assert not console.is_watched()
+    with episode_progress() as callbacks:
+        callbacks.phase("episodes", 3)
+        callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+    console.data_console().print("[bold]" + "word " * 50)
+    shown = capsys.readouterr()
+    assert shown.out == f"\x1b[1m{'word ' * 50}\x1b[0m\n"
+    assert "\x1b" not in shown.err
+    console.notes.cache_clear()
+
+
 def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
     """Of IPython only the function that shows a cell's output is replaced."""
     outputs = []

@@ -115,6 +115,8 @@ def test_not_enough_episodes_are_never_called_a_pass_and_fail_if_worse_beyond_th
     done = run(*command, "--lenient", directory=runs)
     assert done.code == 0
     assert "not enough episodes: mean success" in done.out
+    assert "warning" in done.err
+    assert "warning" not in gate(runs, "good", "--lenient").err
 
 
 def test_a_task_whose_rules_changed_is_refused_by_name(runs):

@@ -1,3 +1,5 @@
+import json
+import os
 import shutil
 
 import pytest
@@ -11,6 +13,16 @@ def test_one_run_is_shown_and_drawn_again(copy, tmp_path):
     assert done.code == 0
     assert "Success" in done.out
     assert (copy / "report.html").exists()
+
+
+def test_what_lies_in_a_run_s_folder_of_replays_is_neither_opened_nor_linked(copy, tmp_path):
+    """A page that came with the run would be a stranger's, and a pipe would never end."""
+    digest = json.loads((copy / "run.json").read_text())["digest"]
+    (copy / "replays").mkdir(exist_ok=True)
+    (copy / "replays" / "pushing-0.html").write_text(f'<meta name="run" content="{digest}">')
+    os.mkfifo(copy / "replays" / "pushing-1.html")
+    assert run("report", copy, directory=tmp_path).code == 0
+    assert "replays/" not in (copy / "report.html").read_text()
 
 
 def test_the_report_of_another_run_is_not_replaced(scripted, tmp_path):

@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from minitouch_bench.comparison.gate import GateSettings, Tolerance
+from minitouch_bench.comparison.gate import (
+    DEFAULT_TOLERANCES,
+    OTHER_TOLERANCE,
+    GateSettings,
+    Tolerance,
+)
 from tests.altered import ROOT
 from tests.process_tree import git
 
@@ -151,6 +156,14 @@ def refusal(tmp_path, **given):
     assert arguments == []
     assert done.stdout.startswith("::error title=MiniTouch regression gate::")
     return done.returncode
+
+
+def test_the_default_tolerance_of_each_metric_is_said():
+    told = yaml.safe_load(ACTION.read_text())["inputs"]["tolerance"]["description"]
+    for metric, tolerance in DEFAULT_TOLERANCES.items():
+        assert metric in told
+        assert str(tolerance) in told
+    assert str(OTHER_TOLERANCE) in told
 
 
 def test_the_example_uses_inputs_that_exist_and_tolerances_that_mean_something():

@@ -1,4 +1,6 @@
 import json
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -135,6 +137,21 @@ def test_a_run_beside_itself_is_identical():
     assert not compared(GOOD, BAD).pairs[0].identical
 
 
+def test_episodes_to_resolve_are_of_each_task_in_the_mean_too():
+    """A difference that all tasks have alike takes fewer episodes of each where they are pooled."""
+    tasks = ("pushing", "opening", "pick-up")
+    first, second = (
+        make_saved({task: values(flags(won, 40)) for task in tasks}, str(won)) for won in (30, 25)
+    )
+    found = {
+        one.effect.task: one.episodes_to_resolve
+        for one in compared(first, second).pairs[0].metrics
+        if one.effect.metric == "success"
+    }
+    assert found["pushing"] == found["opening"] == found["pick-up"]
+    assert found["mean"] == math.ceil(found["pushing"] / 3)
+
+
 def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
     changes = compared(*(with_actions(run, tmp_path) for run in (GOOD, BAD))).pairs[0].changes
     before = {(e.task, e.index): e.outcome for e in GOOD.rows}
@@ -163,6 +180,16 @@ def test_what_is_not_alike_beside_the_policies_is_said():
     assert compared(GOOD, BAD).pairs[0].notes == ()
 
 
+def test_two_builds_of_the_simulator_are_one_difference():
+    packages = {**GOOD.environment.packages, "pybullet-arm64": "3.2.8"}
+    del packages["pybullet"]
+    other = replace(GOOD_TOO, environment=replace(GOOD_TOO.environment, packages=packages))
+    (note,) = compared(GOOD, other).pairs[0].notes
+    assert "pybullet 3.2.7" in note
+    assert "pybullet-arm64 3.2.8" in note
+    assert "none" not in note
+
+
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
     document = json.loads(comparison_json(comparison))
@@ -185,6 +212,16 @@ def test_values_are_those_of_run_json_to_the_last_bit(hac, novel):
         }
         assert len(shown) > 6
         assert all(stored[key] == value for key, value in shown.items() if key[0] != "mean")
+
+
+def test_a_notebook_shows_numbers_below_their_heads_whatever_its_font():
+    html = compared(GOOD, BAD)._repr_html_()
+    tables = re.findall("<table>(.*?)</table>", html)
+    assert len(tables) > 3
+    for table in tables:
+        rows = [re.findall(r'text-align:(\w+)">(.*?)</t[hd]>', row) for row in table.split("</tr>")]
+        assert len({tuple(side for side, _ in row) for row in rows if row}) == 1
+    assert re.search(">A</th>.*?>0.[0-9]{3}</td>", tables[0])
 
 
 def test_hostile_names_are_harmless_everywhere():

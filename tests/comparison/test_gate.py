@@ -19,6 +19,7 @@ from minitouch_bench.comparison.gate_report import (
 )
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
+from minitouch_bench.policies.sources import parse_source
 from tests.comparison.pairs import (
     flags,
     make_saved,
@@ -83,6 +84,12 @@ def test_an_improvement_and_a_worsening_within_the_tolerance_are_none():
 FEW = {task: values(flags(10, 10)) for task in ("pushing", "opening")}
 
 
+def of_zero(run):
+    """The run of a policy that cannot have changed since: a built-in one."""
+    policy = replace(run.header.policy, kind="zero", source="zero", digest="")
+    return with_header(run, policy=policy)
+
+
 def few(lost):
     tasks = FEW | {"pushing": values(flags(10 - lost, 10))}
     return make_saved(tasks, "few")
@@ -98,7 +105,7 @@ def few(lost):
     ],
 )
 def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, options, code):
-    result = judged(few(lost), GateSettings(**options), make_saved(FEW, "base"))
+    result = judged(few(lost), GateSettings(**options), of_zero(make_saved(FEW, "base")))
     assert (result.decision, result.exit_code) == (Decision.NOT_ENOUGH, code)
     assert result.endpoint.episodes_needed > 10
     assert result.endpoint.is_beyond == (lost == 4)
@@ -114,9 +121,32 @@ def test_the_longer_baseline_leaves_submissions_alone(tmp_path, monkeypatch):
     (tmp_path / "submissions" / "mine" / "submission.toml").touch()
     monkeypatch.chdir(tmp_path)
     paths = ("submissions/mine/seed-0/table4", "new")
-    result = judge_runs(make_saved(FEW, "base"), few(4), paths, GateSettings())
+    result = judge_runs(of_zero(make_saved(FEW, "base")), few(4), paths, GateSettings())
     output = f"reports/mine/seed-0/table4-{result.endpoint.episodes_needed}"
     assert result.next_command.endswith(f" --output {output}")
+
+
+@pytest.mark.parametrize("then", ["same", "other", "gone"])
+def test_a_longer_baseline_is_made_of_the_policy_that_the_baseline_had_alone(tmp_path, then):
+    file = tmp_path / "p.safetensors"
+    file.write_bytes(b"the baseline's")
+    found = parse_source(str(file))
+    baseline = with_header(make_saved(FEW, "base"), policy=found.identity())
+    if then == "other":
+        file.write_bytes(b"a worse one")
+    elif then == "gone":
+        file.unlink()
+    result = judged(few(4), baseline=baseline)
+    assert (result.decision, result.exit_code) == (Decision.NOT_ENOUGH, 5)
+    assert ("evaluate" in result.next_command) == (then == "same")
+    assert (found.digest[:12] in result_line(result)) == (then != "same")
+
+
+def test_of_what_has_no_digest_no_longer_baseline_is_made():
+    policy = replace(BASELINE.header.policy, source="http://x:1", kind="remote", digest="")
+    result = judged(few(4), baseline=with_header(make_saved(FEW, "base"), policy=policy))
+    assert "evaluate" not in result.next_command
+    assert "http://x:1" in result_line(result)
 
 
 def test_what_the_most_episodes_would_not_settle_is_called_so():
@@ -149,6 +179,28 @@ def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal():
     both = judged(make_saved(other, "x"), baseline=make_saved(base))
     assert (both.endpoint.effect.task, both.endpoint.effect.metric) == ("pushing", "success")
     assert both.decision is Decision.NO_REGRESSION
+
+
+def test_the_replay_that_is_suggested_is_of_a_task_that_decides(tmp_path):
+    touched = replace(values(flags(0, N)), touch_steps=np.full(N, 150))
+    rubbed = replace(touched, touch_steps=np.full(N, 50))
+    base = make_saved({"pushing": values(flags(N, N)), "playing": touched})
+    lost = make_saved({"pushing": values(flags(0, N)), "playing": rubbed}, "x")
+    settings = GateSettings(metric="touch_share")
+    result = judged(with_actions(lost, tmp_path), settings, base)
+    assert (result.decision, result.endpoint.tasks) == (Decision.REGRESSION, ("playing",))
+    assert result.next_command == "minitouch-bench compare runs/base runs/new"
+    assert "replay" in judged(with_actions(lost, tmp_path), baseline=base).next_command
+
+
+@pytest.mark.parametrize("explored", [0, 1])
+def test_exploration_that_one_run_lacks_does_not_decide_and_is_left_out(explored):
+    runs = [BASELINE, replace(BASELINE, name="again")]
+    runs[explored] = replace(runs[explored], exploration_rows=BASELINE.rows)
+    result = judged(runs[1], baseline=runs[0])
+    assert result.decision is Decision.NO_REGRESSION
+    assert {one.effect.metric for one in result.per_task} == {"success", "episode_steps"}
+    assert any("exploration is left out" in note for note in result.notes)
 
 
 def test_another_metric_can_decide():

@@ -9,6 +9,7 @@ from minitouch_bench.comparison.pairing import (
     differences_of_making,
     pair_runs,
     paired_test,
+    share_roles,
 )
 from minitouch_bench.episode import Role, role_of
 from minitouch_bench.errors import UsageError
@@ -65,8 +66,19 @@ def test_exploration_episodes_are_paired_by_their_role():
     assert [*pairs][-1] == "exploration/pushing/5"
     found = collect_values(pairs, ("pushing",))
     assert [values.metric for values in found][:2] == ["exploration", "success"]
-    with pytest.raises(UsageError, match="exploration/pushing/0"):
-        pair_runs(one, replace(other, exploration_rows=()))
+    alone = share_roles((one, replace(other, exploration_rows=())))
+    assert {role_of(key) for key in pair_runs(*alone)} == {Role.FINAL}
+    assert share_roles((one, other)) == (one, other)
+
+
+def test_runs_are_named_by_their_paths(tmp_path):
+    """Runs of a suite are called alike: each method's is in a directory of its own."""
+    one, other = (
+        replace(run, name="table4", directory=tmp_path / method / "table4")
+        for run, method in ((ONE, "hac"), (with_header(OTHER, seed=7), "rnd"))
+    )
+    with pytest.raises(UsageError, match=r"hac/table4' and '.*rnd/table4'"):
+        pair_runs(one, other)
 
 
 def test_a_task_with_other_rules_is_left_out():

@@ -72,6 +72,16 @@ def test_one_unlucky_seed_is_no_regression_of_a_method_as_it_is_of_a_checkpoint(
     assert judged(GOOD, unlucky, lenient=True).exit_code == 0
 
 
+def test_exploration_that_one_training_lacks_is_left_out_and_named():
+    explored = [replace(run, exploration_rows=run.rows) for run in GOOD]
+    bad = trainings("bad", [0.5, 0.4, 0.6])
+    result = judged(explored, bad)
+    assert result.decision is Decision.REGRESSION
+    assert "exploration" not in {one.effect.metric for one in result.per_task}
+    assert ["exploration is left out" in note for note in result.notes] == [True]
+    assert judged(GOOD, bad).notes == ()
+
+
 def test_an_equal_method_of_steady_seeds_is_no_regression():
     steady = [
         make_saved({"pushing": values(np.roll(flags(98, 100), shift))}, f"steady-{shift}")

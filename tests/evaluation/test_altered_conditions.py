@@ -76,7 +76,7 @@ def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
     policy = "misbehaved:Sensitive"
     evaluate(policy, trust=True, **options, **conditions)
     verify(tmp_path / "run", policy=policy, rerun=1, workers="1", trust=True)
-    assert "1 episodes run again" in capsys.readouterr().out
+    assert "1 episode run again" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

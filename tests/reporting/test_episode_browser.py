@@ -15,14 +15,14 @@ CELLS = "[...document.querySelectorAll('.episodes tbody tr')].map(r => r.cells[{
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """The page of a run that has a viewer, and one of two runs elsewhere."""
+    """The page of a run of which a viewer was made, and one of two runs elsewhere."""
     root = tmp_path_factory.mktemp("two words")
     runs = [write(make_run(name, faults=2), root / name) for name in ("hac", "rnd")]
     (root / "hac/replays").mkdir()
-    mark = '<meta name="run" content="{}"><title>the viewer</title>'
-    (root / "hac/replays/pushing-1.html").write_text(mark.format(runs[0].digest))
-    (root / "hac/replays/pushing-2.html").write_text(mark.format(runs[1].digest))  # of another run
-    write_page(build_report(runs[:1], directory=root / "hac"), root / "hac")
+    viewer = root / "hac/replays/pushing-1.html"
+    viewer.write_text("<title>the viewer</title>")
+    made = build_report(runs[:1], directory=root / "hac", viewers={"pushing/1": viewer})
+    write_page(made, root / "hac")
     write_page(build_report(runs, directory=root / "comparison"), root / "comparison")
     return root
 

@@ -1,9 +1,65 @@
-"""Tables and texts of strangers as Markdown, LaTeX and CSV."""
+"""Tables and texts of strangers on a terminal, as Markdown, LaTeX and CSV."""
+
+import io
+import re
 
 import pytest
+from rich.console import Console
 
+from minitouch_bench.comparison.comparison import compare_runs, show_comparison
 from minitouch_bench.errors import printable
+from minitouch_bench.reporting.report import build_report, show_report
 from minitouch_bench.reporting.tables import escape_md, escape_tex, rows_csv
+from tests.reporting.synthetic import make_run, save
+
+
+@pytest.fixture(scope="module")
+def runs():
+    names = ("hac", "icm-touch", "a policy of three words", "checkpoint_of_a_very_long_name_indeed")
+    return [save(make_run(name, skill=0.9 - 0.2 * i), name) for i, name in enumerate(names)]
+
+
+def on_screen(width, show, what):
+    console = Console(width=width, file=io.StringIO())
+    show(what, console)
+    return console.file.getvalue().splitlines()
+
+
+def numbers(lines):
+    """Every number that no end of a line cuts, and each interval as a whole."""
+    found = re.compile(r"[\[+-]?(?<!\d)\d+\.\d+(?:e-\d+)?(?:, [+-]?\d+\.\d+(?:e-\d+)?\])?†?")
+    return sorted(number for line in lines for number in found.findall(line))
+
+
+@pytest.mark.parametrize("width", [30, 41, 55, 80, 81, 100, 141])
+def test_a_narrow_screen_has_every_number_that_a_wide_one_has(width, runs):
+    report, comparison = build_report(runs), compare_runs(runs[:2], ("a", "b"))
+    for show, what in ((show_report, report), (show_comparison, comparison)):
+        wide, narrow = (on_screen(columns, show, what) for columns in (1000, width))
+        tables = [line for line in narrow if not line.startswith(("A: ", "B: "))]
+        assert max(map(len, narrow)) <= width
+        assert numbers(wide)
+        rows = {line.split()[0] for line in wide if line.startswith(" ")}
+        assert all(any(row in line for line in tables) for row in rows)
+        for number in set(numbers(wide)):
+            assert numbers(narrow).count(number) == numbers(wide).count(number), number
+
+
+def test_a_table_without_a_value_has_its_heads_alone():
+    """Playing has no success, ours or the paper's."""
+    run = save(make_run("hac", tasks=("playing",), exploration=False))
+    lines = on_screen(80, show_report, build_report([run], metrics=("success",)))
+    assert lines[0] == "Playing"
+    assert "Metric" in lines[1]
+
+
+def test_names_stay_beside_the_numbers_that_were_split_from_them(runs):
+    """Where four runs do not fit, each part of the table names its rows again."""
+    lines = on_screen(80, show_report, build_report(runs, tasks=("pushing",)))
+    parts = [i for i, line in enumerate(lines) if line.split()[:1] == ["Metric"]]
+    assert len(parts) > 1
+    for start in parts:
+        assert any(line.split()[:1] == ["Success"] for line in lines[start : start + 5])
 
 
 def test_printable_keeps_one_line_of_visible_text():

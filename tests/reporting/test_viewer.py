@@ -43,7 +43,30 @@ def places(*x):
 @pytest.mark.parametrize(
     ("film", "words"),
     [
-        (make_film(), "Never touched the object in 4 steps."),
+        (make_film(), "did not move; no finger touched the object in 4 steps"),
+        (make_film(touching=(1, 4)), "did not move; a finger touched the object in 2 of 4"),
+        (  # the hand pushed it along the table
+            make_film("pick-up", state=places(0.5, 0.5, 0.52, 0.6, 0.62)),
+            "above its start 0.0 cm at best, the goal is .*; no finger touched the object",
+        ),
+        (  # around the target, at one distance
+            make_film(
+                "pushing", touching=(2,), state=[[0.5, 0, 0], [0.6, 0.1, 0], *places(0.7) * 3]
+            ),
+            "object to target 10.0 cm at best",
+        ),
+        (
+            make_film("opening", touching=(2,), state=[[0.0], [0.0], [0.2], [0.2], [0.2]]),
+            "angle of the door 11.5 ° at best, the goal is 30",
+        ),
+        (
+            make_film("playing", steps=2, state=places(0.5, 0.6, 0.5)),
+            "moved by up to 10.0 cm; no finger touched",
+        ),
+        (
+            make_film(steps=0, state=places(0.5), outcome=Outcome.LEFT_WORKSPACE),
+            "left the workspace at step 0; no finger touched",
+        ),
         (
             make_film("pushing", touching=(2,), state=places(0.4, 0.4, 0.5, 0.5, 0.5)),
             "object to target 10.0 cm at best, the goal is 7 cm",

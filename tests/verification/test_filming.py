@@ -85,6 +85,21 @@ def test_the_policy_s_image_is_shown_as_it_was_given(viewer, scripted, steps):
     np.testing.assert_array_equal(shown, film.images[1])
 
 
+def test_no_text_lies_on_a_curve_and_each_limit_is_named(viewer):
+    over = viewer.run(
+        "[...document.querySelectorAll('.plot svg')].flatMap(svg => {"
+        "const frame = svg.querySelector('.frame').getBBox();"
+        "return [...svg.querySelectorAll('text')].filter(text => { const box = text.getBBox();"
+        "return box.x + box.width > frame.x && box.y < frame.y + frame.height; }"
+        ").map(text => text.textContent); })"
+    )
+    assert over == []
+    heads = viewer.run("[...document.querySelectorAll('.plot h2')].map(one => one.textContent)")
+    assert [("limit 200 N" in head, "goal 5 cm" in head) for head in heads] == [
+        (True, False), (True, False), *[(False, False)] * 4, (False, True),
+    ]  # fmt: skip
+
+
 def test_the_page_fits_a_phone(viewer):
     viewer.screen(390, 800)
     viewer.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")

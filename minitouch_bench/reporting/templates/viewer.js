@@ -77,6 +77,11 @@
       item.append(one.name);
       readouts.push({ out: element(item, "b"), values: one.values, digits: panel.digits });
     }
+    if (panel.limits?.length) {
+      const item = element(head, "span", "dashed");
+      element(item, "i");
+      item.append(panel.limit);
+    }
     if (panel.curves.some((one) => one.truth)) element(head, "span", "", "bold: what the policy was given; faint: the truth");
   }
   const path = (panel, values, y) => {
@@ -106,9 +111,6 @@
     });
     for (const limit of panel.limits || []) {
       make(svg, "line", { class: "bound", x1: LEFT, x2: width - RIGHT, y1: y(limit), y2: y(limit) });
-    }
-    if (panel.limits?.length) {
-      make(svg, "text", { x: width - RIGHT - 6, y: y(panel.limits.at(-1)) + 13, "text-anchor": "end" }, panel.limit);
     }
     for (const mark of data.marks) {
       make(svg, "line", { class: `event ${mark.tone}`, x1: x(mark.time), x2: x(mark.time), y1: 0, y2: height });
