@@ -197,8 +197,8 @@ class BrowsedRun:
     ``path``: what ``replay`` takes as the run, wherever the page is. ``address``: of the run's
     directory, relative to the page; a page that is opened from a disk shows the path it leads to.
     ``viewers``: addresses of the viewers that this process made, by episode. What lies in a run's
-    directory may be a stranger's page, so it is not looked for. ``policy``: what ``evaluate`` takes,
-    for a run whose actions are not kept; ``path`` is "" then.
+    directory may be a stranger's page, so it is not looked for. ``policy``: what ``evaluate``
+    takes, for a run whose actions are not kept; ``path`` is "" then.
     """
 
     title: str

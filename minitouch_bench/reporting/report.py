@@ -65,8 +65,8 @@ def build_report(
 ) -> Report:
     """Compose the report of one or several runs.
 
-    ``directory``: where its page will be written. ``viewers``: the pages of episodes of a single run
-    that this process wrote, by episode.
+    ``directory``: where its page will be written. ``viewers``: the pages of episodes of a single
+    run that this process wrote, by episode.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
     those of Table 4, () for the usual ones.
