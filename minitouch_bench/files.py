@@ -11,6 +11,7 @@ content: the simulator keeps files by name and would serve an old geometry under
 import errno
 import fcntl
 import hashlib
+import logging
 import os
 import re
 import secrets
@@ -63,6 +64,8 @@ MAX_EPISODES = 10_000
 LOCK_FILE = ".lock"
 PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 """Names of files that are being written, until they get their own."""
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
+"""Error numbers of a file system without locks, such as those of some clusters."""
 
 
 def holds_run(directory: Path) -> bool:
@@ -119,7 +122,7 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 
     What a killed holder had half written there is removed. ``wait`` until no other process
-    has it.
+    has it. Where the file system has no locks, a note says so, and others are not kept out.
 
     Raises:
         RunDirectoryError: it cannot be written, or another process holds it.
@@ -151,6 +154,15 @@ def _lock(path: Path, *, wait: bool) -> int:
             except BlockingIOError as error:
                 text = f"{path.parent} is in use by another process; choose another directory"
                 raise errors.RunDirectoryError(text) from error
+            except OSError as error:
+                if error.errno not in NO_LOCKS:
+                    raise
+                logging.getLogger(__name__).warning(
+                    "%s: this file system has no locks (%s), so nothing stops a second command in "
+                    "the same directory: start only one",
+                    errors.printable(str(path.parent)),
+                    error.strerror,
+                )
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
                     stack.pop_all()

@@ -1,6 +1,7 @@
 """Facts of this machine: its system, processor and Python; installed and optional packages."""
 
 import importlib
+import os
 import platform
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -59,6 +60,16 @@ def require(module: str, extra: str) -> ModuleType:
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"
         ) from error
+
+
+def require_minari() -> ModuleType:
+    """Import Minari; its HDF5 then uses no locks, which some file systems lack.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
+    return require("minari", "data")
 
 
 def installed_versions(names: Iterable[str]) -> dict[str, str]:

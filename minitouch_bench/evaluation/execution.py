@@ -19,7 +19,7 @@ from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.machine import installed_versions, machine_facts, require
+from minitouch_bench.machine import installed_versions, machine_facts, require, require_minari
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions, write_forces
 from minitouch_bench.runs.journal import Journal, check_same
@@ -239,7 +239,7 @@ def record_episodes(
         MissingExtraError: Minari is not installed.
         RunDirectoryError: the directory is there already, or cannot be written.
     """
-    minari = require("minari", "data")
+    minari = require_minari()
     storages = require("minari.dataset.minari_storage", "data")
     task = specs[0].task
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"

@@ -1,3 +1,5 @@
+import errno
+
 import minari
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
+from tests.process_tree import WITHOUT_LOCKS, run_python
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +57,24 @@ def test_a_fault_is_no_end_of_the_task(tmp_path):
     assert dataset.spec.dataset_id == "minitouch/pushing/misbehaved-FaultInPushing-v0"
     with pytest.raises(PolicyLoadError, match="nothing learned"):
         record("misbehaved:Hopeless", output=tmp_path / "none", **options)
+
+
+WITHOUT = f"""
+import sys
+from pathlib import Path
+from minitouch_bench.agents.recorded_data import fill_from_dataset
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.commands.record import record
+{WITHOUT_LOCKS}
+record("random", "pushing", output=Path(sys.argv[1]), episodes=1)
+replay = Replay(1000, 11, 4)
+fill_from_dataset(replay, Path(sys.argv[1]), 4)
+assert replay.rows
+"""
+
+
+def test_a_file_system_without_locks_takes_a_dataset(tmp_path):
+    run_python("-c", WITHOUT, errno.ENOLCK, tmp_path / "log")
 
 
 def test_a_dataset_is_not_overwritten(dataset):
