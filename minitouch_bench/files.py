@@ -311,10 +311,20 @@ VARIABLE = "MINITOUCH_CACHE"
 
 
 def cache_directory() -> Path:
-    """Return the directory of generated files: ``$MINITOUCH_CACHE`` or the user's cache."""
+    """Return the directory of generated files: ``$MINITOUCH_CACHE`` or the user's cache.
+
+    Raises:
+        InfrastructureError: the user has no home directory, as in some containers.
+    """
     if chosen := os.environ.get(VARIABLE):
         return Path(chosen).absolute()
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:
+        text = (
+            f"generated files cannot be written: no home directory; set {VARIABLE} to a directory"
+        )
+        raise errors.InfrastructureError(text) from error
     return Path(base).absolute() / "minitouch-bench"
 
 

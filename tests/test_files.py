@@ -276,6 +276,23 @@ def test_the_cache_follows_the_environment(monkeypatch):
     assert cache_directory() == Path("/elsewhere")
 
 
+HOMELESS = """
+import os, sys
+for name in ("HOME", "XDG_CACHE_HOME", "MINITOUCH_CACHE"):
+    os.environ.pop(name, None)
+os.getuid = lambda: 2**31 - 5  # /etc/passwd lacks it, as that of a container lacks its user
+from minitouch_bench.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("command", [("record", "random"), ("train",)])
+def test_without_a_home_directory_a_line_says_what_to_set(tmp_path, command):
+    done = run_python("-c", HOMELESS, *command, "pushing", "--output", tmp_path / "new", code=5)
+    assert "MINITOUCH_CACHE" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_damaged_file_is_written_again(tmp_path, monkeypatch):
     monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path))
     path = cache_file("thing", ".urdf", b"content")
