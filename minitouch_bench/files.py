@@ -317,7 +317,7 @@ def cache_directory() -> Path:
         InfrastructureError: the user has no home directory, as in some containers.
     """
     if chosen := os.environ.get(VARIABLE):
-        return Path(chosen).absolute()
+        return Path(os.path.expanduser(chosen)).absolute()
     try:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     except RuntimeError as error:

@@ -274,6 +274,9 @@ def test_the_cache_follows_the_environment(monkeypatch):
     assert cache_directory() == Path("/somewhere/minitouch-bench")
     monkeypatch.setenv("MINITOUCH_CACHE", "/elsewhere")
     assert cache_directory() == Path("/elsewhere")
+    monkeypatch.setenv("HOME", "/home/of-somebody")
+    monkeypatch.setenv("MINITOUCH_CACHE", "~/elsewhere")
+    assert cache_directory() == Path("/home/of-somebody/elsewhere")
 
 
 HOMELESS = """

@@ -95,6 +95,13 @@ def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
     run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(6, "[31mred is")
 
 
+@pytest.mark.parametrize("option", [("--config=~/none.toml",), ("--config", "~/none.toml")])
+def test_a_home_that_no_shell_put_in_is_found_all_the_same(tmp_path, monkeypatch, option):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    done = run("train", "pushing", *option, directory=tmp_path)
+    done.refused(2, f"{tmp_path}/home/none.toml")
+
+
 def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path):
     run("evaluate", os.fsdecode(b"\xff.onnx"), directory=tmp_path).refused(2, "UTF-8", "\\udcff")
 
