@@ -1,4 +1,5 @@
 import errno
+import signal
 
 import minari
 import numpy as np
@@ -10,7 +11,8 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from tests.process_tree import WITHOUT_LOCKS, run_python
+from tests.commands.command import finish, start
+from tests.process_tree import WITHOUT_LOCKS, run_python, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +61,19 @@ def test_a_fault_is_no_end_of_the_task(tmp_path):
         record("misbehaved:Hopeless", output=tmp_path / "none", **options)
 
 
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_a_recording_that_is_stopped_leaves_nothing(tmp_path, stop):
+    command = ("record", "random", "opening", "--episodes", 1000, "--output", "log")
+    process = start(*command, directory=tmp_path)
+    wait_until(lambda: list(tmp_path.glob(".log.unfinished/log/*")), 60)
+    process.send_signal(stop)
+    done = finish(process)
+    assert (done.code, done.out) == (130, "")
+    assert done.err.endswith("minitouch-bench: interrupted\n")
+    assert "Traceback" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
 WITHOUT = f"""
 import sys
 from pathlib import Path
@@ -92,5 +107,7 @@ def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatc
         record("random", "opening", output=directory)
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / ".log.unfinished" / "log" / "data").mkdir(parents=True)  # as a kill -9 leaves it
     record("random", "opening", output=directory, episodes=2)
+    assert list(tmp_path.iterdir()) == [directory]
     assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2
