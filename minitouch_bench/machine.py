@@ -3,6 +3,7 @@
 import importlib
 import os
 import platform
+import shlex
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -15,6 +16,10 @@ from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 
 CPUINFO = Path("/proc/cpuinfo")
 """What Linux says of each processor, in lines of "name : value"."""
+
+
+CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
+"""The versions that a clone was set up with; an installed package has no such file."""
 
 
 def machine_facts() -> dict[str, str]:
@@ -56,6 +61,8 @@ def require(module: str, extra: str) -> ModuleType:
     except ModuleNotFoundError as error:
         needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
         wanted = " ".join(f"'{requirement}'" for requirement in needed)
+        if CONSTRAINTS.exists():  # otherwise pip takes versions that do not fit the clone's others
+            wanted += f" --constraint {shlex.quote(str(CONSTRAINTS))}"
         raise MissingExtraError(
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"

@@ -1,11 +1,13 @@
 import code
 import platform
 import re
+import shlex
 
 import pytest
 
 from minitouch_bench import machine
 from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+from tests.altered import ROOT
 
 CPUINFO = """processor\t: 0
 model name\t: Some Processor: 3 GHz
@@ -41,6 +43,8 @@ def test_a_missing_package_names_what_an_index_has_and_the_extra():
     with pytest.raises(MissingExtraError) as missing:
         machine.require("no_such_package", "onnx")
     assert "pip install 'onnx>=" in str(missing.value)
+    constraints = shlex.quote(str(ROOT / "constraints.txt"))
+    assert f" --constraint {constraints} (the" in str(missing.value)
     assert "(the extra minitouch-bench[onnx])" in str(missing.value)
 
 
