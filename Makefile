@@ -77,18 +77,23 @@ clean:
 	rm -rf $(VENV) build dist site *.egg-info
 
 # What evaluation needs. The build of torch for the CPU comes from PyTorch's own index: the usual one
-# brings gigabytes of CUDA packages. Where that index cannot be reached, the usual one is taken.
+# brings gigabytes of CUDA packages.
 $(READY): pyproject.toml constraints.txt
 	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
 	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
-	"$(PYTHON)" -m venv $(VENV)
-	$(PIP) --retries 1 --no-deps --extra-index-url https://download.pytorch.org/whl/cpu torch
-	$(PIP) --editable .
+	@echo "Installing MiniTouch-bench, PyTorch for the CPU, PyBullet and what they need into $(VENV):" \
+	  "400 MB to download, 1.5 GB on the disk"
+	@"$(PYTHON)" -m venv $(VENV)
+	@$(PIP) --retries 1 --no-deps --index-url https://download.pytorch.org/whl/cpu torch || \
+	  echo "PyTorch's index of builds for the CPU cannot be reached: the usual build comes in its" \
+	  "place, with 5.7 GB of CUDA packages"
+	@$(PIP) --editable .
 	@touch $(READY)
 
 # Every extra, and what tests and checks need.
 $(DEV): $(READY)
-	$(PIP) --editable '.[dev]'
+	@echo "Installing every extra and what the tests need into $(VENV): 800 MB more on the disk"
+	@$(PIP) --editable '.[dev]'
 	@touch $(DEV)
 
 $(SITE): $(READY)

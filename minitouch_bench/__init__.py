@@ -14,11 +14,29 @@ Simulator, torch and pandas are imported when they are first needed. See
 """
 
 import importlib
+import os
+import signal
+import sys
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
 
-from minitouch_bench.protocol.minitouch import PROTOCOL
+def _end_loading(*_: object) -> None:
+    """End the command, which is still loading."""
+    os.write(2, b"minitouch-bench: interrupted\n")
+    os._exit(130)
+
+
+# Importing any module of the command imports this package first, which takes half a second: only
+# here can Ctrl-C be kept from ending it with a traceback. Later ``__main__`` handles it.
+if (
+    "minitouch-bench" in map(os.path.basename, sys.argv[:1])
+    and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+):
+    signal.signal(signal.SIGINT, _end_loading)
+
+import gymnasium  # noqa: E402
+
+from minitouch_bench.protocol.minitouch import PROTOCOL  # noqa: E402
 
 if TYPE_CHECKING:
     from minitouch_bench.api import Run, TaskResult, compare, evaluate, load_run, make, train

@@ -12,6 +12,9 @@ import sys
 
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError
 
+STOPS = (signal.SIGINT, signal.SIGTERM)
+"""What ends a command early: Ctrl-C, and what ``kill``, containers and clusters send."""
+
 
 class _Output(io.FileIO):
     """Standard output or error, which takes everything; what cannot be written is dropped."""
@@ -31,7 +34,7 @@ class _Output(io.FileIO):
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C ends it without a traceback, even while it is loading."""
+    """Run the command line; Ctrl-C and SIGTERM end it alike, cleaned up and without a traceback."""
     _open_closed()
     output, notes = _Output(1), _Output(2)
     sys.stdout, sys.stderr = _text(output), _text(notes)
@@ -41,12 +44,16 @@ def main() -> None:
         # Not at the top: loading takes a second in which Ctrl-C must be caught as well.
         from minitouch_bench.commands.app import main as run_application  # noqa: PLC0415
 
+        for number in STOPS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as of a background job
+                signal.signal(number, signal.default_int_handler)
         run_application()
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:
         interrupted = True
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # one more Ctrl-C ends it without a traceback
+    for number in STOPS:  # one more ends it without a traceback
+        signal.signal(number, signal.SIG_DFL)
     if interrupted:
         sys.stderr.write("minitouch-bench: interrupted\n")
         code = InterruptedRunError.exit_code

@@ -19,7 +19,7 @@
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── OutOfMemoryError            5   a policy's process was killed while it used much memory
     ├── HopelessRunError            5   its first episodes are all policy faults
-    ├── InterruptedRunError       130   Ctrl-C
+    ├── InterruptedRunError       130   Ctrl-C or SIGTERM
     └── RunDirectoryError           6   locked, corrupt, or of another run
         └── UnreadableFileError         a file of it cannot be read as one
 """

@@ -11,6 +11,7 @@ content: the simulator keeps files by name and would serve an old geometry under
 import errno
 import fcntl
 import hashlib
+import logging
 import os
 import re
 import secrets
@@ -65,6 +66,8 @@ MAX_EPISODES = 10_000
 LOCK_FILE = ".lock"
 PARTIAL_PATTERN = f".{'[0-9a-f]' * 16}.partial"
 """Names of files that are being written, until they get their own."""
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
+"""Error numbers of a file system without locks, such as those of some clusters."""
 
 
 def holds_run(directory: Path) -> bool:
@@ -121,7 +124,7 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 
     What a killed holder had half written there is removed. ``wait`` until no other process
-    has it.
+    has it. Where the file system has no locks, a note says so, and others are not kept out.
 
     Raises:
         RunDirectoryError: it cannot be written, or another process holds it.
@@ -153,6 +156,15 @@ def _lock(path: Path, *, wait: bool) -> int:
             except BlockingIOError as error:
                 text = f"{path.parent} is in use by another process; choose another directory"
                 raise errors.RunDirectoryError(text) from error
+            except OSError as error:
+                if error.errno not in NO_LOCKS:
+                    raise
+                logging.getLogger(__name__).warning(
+                    "%s: this file system has no locks (%s), so nothing stops a second command in "
+                    "the same directory: start only one",
+                    errors.printable(str(path.parent)),
+                    error.strerror,
+                )
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
                     stack.pop_all()
@@ -301,10 +313,20 @@ VARIABLE = "MINITOUCH_CACHE"
 
 
 def cache_directory() -> Path:
-    """Return the directory of generated files: ``$MINITOUCH_CACHE`` or the user's cache."""
+    """Return the directory of generated files: ``$MINITOUCH_CACHE`` or the user's cache.
+
+    Raises:
+        InfrastructureError: the user has no home directory, as in some containers.
+    """
     if chosen := os.environ.get(VARIABLE):
-        return Path(chosen).absolute()
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        return Path(os.path.expanduser(chosen)).absolute()
+    try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:
+        text = (
+            f"generated files cannot be written: no home directory; set {VARIABLE} to a directory"
+        )
+        raise errors.InfrastructureError(text) from error
     return Path(base).absolute() / "minitouch-bench"
 
 

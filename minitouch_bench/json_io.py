@@ -121,7 +121,7 @@ def parse_toml(content: bytes, name: str) -> dict[str, Any]:
     if max(line.count(b".") for line in content.split(b"\n")) > MAX_DOTS:
         raise UsageError(f"{name} has a line of more than {MAX_DOTS} dots")
     try:
-        return tomllib.loads(content.decode())
+        return tomllib.loads(content.decode("utf-8-sig"))  # an editor may begin it with a mark
     except (ValueError, RecursionError) as error:  # both decoding errors are ValueErrors
         raise UsageError(f"{name} is not TOML: {error}") from error
 

@@ -1,7 +1,9 @@
 """Facts of this machine: its system, processor and Python; installed and optional packages."""
 
 import importlib
+import os
 import platform
+import shlex
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -14,6 +16,10 @@ from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 
 CPUINFO = Path("/proc/cpuinfo")
 """What Linux says of each processor, in lines of "name : value"."""
+
+
+CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
+"""The versions that a clone was set up with; an installed package has no such file."""
 
 
 def machine_facts() -> dict[str, str]:
@@ -55,10 +61,22 @@ def require(module: str, extra: str) -> ModuleType:
     except ModuleNotFoundError as error:
         needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
         wanted = " ".join(f"'{requirement}'" for requirement in needed)
+        if CONSTRAINTS.exists():  # otherwise pip takes versions that do not fit the clone's others
+            wanted += f" --constraint {shlex.quote(str(CONSTRAINTS))}"
         raise MissingExtraError(
             f"this needs the package '{error.name}': pip install {wanted} "
             f"(the extra minitouch-bench[{extra}])"
         ) from error
+
+
+def require_minari() -> ModuleType:
+    """Import Minari; its HDF5 then uses no locks, which some file systems lack.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
+    return require("minari", "data")
 
 
 def installed_versions(names: Iterable[str]) -> dict[str, str]:
@@ -102,4 +120,7 @@ def look_up(target: str) -> Any:
     try:
         return attrgetter(attribute)(importlib.import_module(module_name))
     except (ImportError, AttributeError) as error:
-        raise PolicyLoadError(f"it cannot be imported: {error}") from error
+        # A module of this name may lie elsewhere, such as the user's own code.py beside Python's.
+        file = getattr(getattr(error, "obj", None), "__file__", None)
+        place = f" ({file})" if file else ""
+        raise PolicyLoadError(f"it cannot be imported: {error}{place}") from error

@@ -21,6 +21,18 @@ def run_python(*arguments: object, code=0, cwd=None, **variables) -> subprocess.
     return done
 
 
+WITHOUT_LOCKS = """
+from minitouch_bench.policies import kernel
+FLOCK = 73  # its number on x86-64
+kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
+kernel.install_filter([
+    (kernel.LOAD, 0, 0, 0), (kernel.IF_EQUAL, 0, 1, FLOCK),
+    (kernel.RETURN, 0, 0, kernel.ERRNO | int(sys.argv.pop(1))), (kernel.RETURN, 0, 0, kernel.ALLOW),
+])
+"""
+"""Let the kernel answer each flock with the error number that is the first argument."""
+
+
 def git(clone: Path, *words: str) -> str:
     identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
     command = ["git", "-C", str(clone), *identity, *words]

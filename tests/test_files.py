@@ -1,5 +1,6 @@
 """Locks, whole-file writes and careful reads, tried as crashes and strangers would."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -26,7 +27,7 @@ from minitouch_bench.files import (
     read_file,
     write_file,
 )
-from tests.process_tree import run_python
+from tests.process_tree import WITHOUT_LOCKS, run_python
 
 HOLD = """
 import sys, time
@@ -122,6 +123,29 @@ def test_who_waited_at_a_removed_lock_does_not_hold_the_directory(tmp_path, monk
         assert held.st_nlink == 1
         with pytest.raises(RunDirectoryError), lock_directory(tmp_path):
             pass
+
+
+LOCK_TWICE = f"""
+import sys
+from pathlib import Path
+from minitouch_bench.files import lock_directory
+{WITHOUT_LOCKS}
+with lock_directory(Path(sys.argv[1])), lock_directory(Path(sys.argv[1])):
+    print("held")
+"""
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_is_used_with_a_note(tmp_path, number):
+    done = run_python("-c", LOCK_TWICE, number, tmp_path)
+    assert done.stdout == "held\n"
+    assert os.strerror(number) in done.stderr
+    assert done.stderr.startswith(f"{tmp_path}: ")
+    assert not os.listdir(tmp_path)
+
+
+def test_another_error_of_a_lock_is_an_error(tmp_path):
+    assert "Input/output error" in run_python("-c", LOCK_TWICE, errno.EIO, tmp_path, code=1).stderr
 
 
 # Writing
@@ -250,6 +274,26 @@ def test_the_cache_follows_the_environment(monkeypatch):
     assert cache_directory() == Path("/somewhere/minitouch-bench")
     monkeypatch.setenv("MINITOUCH_CACHE", "/elsewhere")
     assert cache_directory() == Path("/elsewhere")
+    monkeypatch.setenv("HOME", "/home/of-somebody")
+    monkeypatch.setenv("MINITOUCH_CACHE", "~/elsewhere")
+    assert cache_directory() == Path("/home/of-somebody/elsewhere")
+
+
+HOMELESS = """
+import os, sys
+for name in ("HOME", "XDG_CACHE_HOME", "MINITOUCH_CACHE"):
+    os.environ.pop(name, None)
+os.getuid = lambda: 2**31 - 5  # /etc/passwd lacks it, as that of a container lacks its user
+from minitouch_bench.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("command", [("record", "random"), ("train",)])
+def test_without_a_home_directory_a_line_says_what_to_set(tmp_path, command):
+    done = run_python("-c", HOMELESS, *command, "pushing", "--output", tmp_path / "new", code=5)
+    assert "MINITOUCH_CACHE" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_damaged_file_is_written_again(tmp_path, monkeypatch):

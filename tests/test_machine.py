@@ -1,9 +1,13 @@
+import code
 import platform
+import re
+import shlex
 
 import pytest
 
 from minitouch_bench import machine
-from minitouch_bench.errors import MissingExtraError
+from minitouch_bench.errors import MissingExtraError, PolicyLoadError
+from tests.altered import ROOT
 
 CPUINFO = """processor\t: 0
 model name\t: Some Processor: 3 GHz
@@ -39,4 +43,11 @@ def test_a_missing_package_names_what_an_index_has_and_the_extra():
     with pytest.raises(MissingExtraError) as missing:
         machine.require("no_such_package", "onnx")
     assert "pip install 'onnx>=" in str(missing.value)
+    constraints = shlex.quote(str(ROOT / "constraints.txt"))
+    assert f" --constraint {constraints} (the" in str(missing.value)
     assert "(the extra minitouch-bench[onnx])" in str(missing.value)
+
+
+def test_a_module_that_hides_another_of_its_name_is_named_by_its_path():
+    with pytest.raises(PolicyLoadError, match=re.escape(code.__file__)):
+        machine.look_up("code:Policy")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.agents.replay import Replay, damage_as
 from minitouch_bench.errors import UsageError
-from minitouch_bench.machine import require
+from minitouch_bench.machine import require_minari
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 
 LARGEST_VALUE = 1e4
@@ -23,7 +23,7 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
         UsageError: there is no such dataset, it is of another environment, damaged or larger
             than the memory.
     """
-    minari = require("minari", "data")
+    minari = require_minari()
     with damage_as(UsageError, f"{path} is not a Minari dataset of this task"):
         for episode in minari.MinariDataset(path).iterate_episodes():
             _add_episode(replay, episode, action_size)

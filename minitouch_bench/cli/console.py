@@ -186,9 +186,9 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
-    """Show a training on the screen, and end it between two steps after a Ctrl-C.
+    """Show a training on the screen, and end it between two steps after a Ctrl-C or SIGTERM.
 
-    A second Ctrl-C ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
+    A second one ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
     """
     progress = _Progress(notes())
     should_stop = False
@@ -210,11 +210,12 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
         progress.show("  ".join(values), row.step, row.phase, " control steps")
 
     is_main = threading.current_thread() is threading.main_thread()  # another handles no signal
-    before = signal.signal(signal.SIGINT, interrupt) if is_main else None
+    stops = (signal.SIGINT, signal.SIGTERM) if is_main else ()
+    before = {number: signal.signal(number, interrupt) for number in stops}
     begin = partial(progress.begin, "training")
     try:
         yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
     finally:
         progress.end()
-        if is_main:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,6 +1,7 @@
 """The application ``minitouch-bench`` and how its errors reach a user."""
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -82,7 +83,8 @@ def main() -> None:
     try:
         _check_encoding()
         # So that usage errors come here too; the code of a typer.Exit is then returned.
-        code = app(prog_name=PROGRAM, standalone_mode=False)
+        arguments = [*map(_with_home, sys.argv[1:])]
+        code = app(arguments, prog_name=PROGRAM, standalone_mode=False)
     except MiniTouchError as error:
         _complain(str(error))
         sys.exit(error.exit_code)
@@ -118,6 +120,12 @@ def _check_encoding() -> None:
             name.encode()
         except UnicodeEncodeError as error:
             raise UsageError(f"{name!a} is not UTF-8: rename the file or directory") from error
+
+
+def _with_home(argument: str) -> str:
+    """Replace the ``~`` of an argument, in ``--option=~/path`` as well, where no shell does it."""
+    option = re.match("(--[a-z-]+=)?", argument)[0]  # type: ignore[index]
+    return option + os.path.expanduser(argument.removeprefix(option))
 
 
 def _complain(text: str) -> None:

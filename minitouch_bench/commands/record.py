@@ -9,7 +9,7 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.machine import require
+from minitouch_bench.machine import require_minari
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL, PUBLIC_SEED_BITS
 
@@ -45,7 +45,7 @@ def record(
     isolated = isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
     plan = Plan(RECORDING_SUITE, tasks, episodes, seed, limits=isolated.limits)
-    require("minari", "data")  # before the policy is loaded
+    require_minari()  # before the policy is loaded
     setup = prepare_policies(policy, plan, isolated, note)
     with episode_progress() as callbacks:
         faults = record_episodes(setup, [*plan.specs()], output, callbacks)

@@ -3,13 +3,13 @@
 import contextlib
 import hashlib
 import re
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.machine import installed_versions, machine_facts, require
+from minitouch_bench.machine import installed_versions, machine_facts, require, require_minari
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same
@@ -238,7 +238,7 @@ def record_episodes(
         MissingExtraError: Minari is not installed.
         RunDirectoryError: the directory is there already, or cannot be written.
     """
-    minari = require("minari", "data")
+    minari = require_minari()
     storages = require("minari.dataset.minari_storage", "data")
     task = specs[0].task
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
@@ -273,16 +273,28 @@ def record_episodes(
 
 @contextlib.contextmanager
 def _new_directory(directory: Path) -> Iterator[Path]:
-    """Give a path beside a new directory; what is written there becomes it when the block ends."""
+    """Give a path beside a new directory; what is written there becomes it when the block ends.
+
+    What a killed process left there is removed.
+    """
     if directory.exists():
         raise errors.RunDirectoryError(f"{directory} is there already; choose another --output")
-    with files.os_errors_as(errors.RunDirectoryError, directory, "written"):
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as folder:
-            # Minari joins a relative path to itself.
-            unfinished = Path(folder).absolute() / directory.name
+    directory = directory.absolute()  # Minari joins a relative path to itself
+    folder = directory.with_name(f".{directory.name}.unfinished")
+    unfinished = folder / directory.name
+    try:
+        with (
+            files.os_errors_as(errors.RunDirectoryError, directory, "written"),
+            files.lock_directory(folder),
+            contextlib.ExitStack() as stack,
+        ):
+            shutil.rmtree(unfinished, ignore_errors=True)
+            stack.callback(shutil.rmtree, unfinished, ignore_errors=True)
             yield unfinished
             unfinished.rename(directory)
+    finally:
+        with contextlib.suppress(OSError):  # another process works there
+            folder.rmdir()
 
 
 def _episode(environment: MiniTouchEnv, played: PlayedEpisode) -> Any:

@@ -32,6 +32,9 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 ANSWER_S = 20.0
 """Time for Ray's own check of an address, in s; it must import Ray."""
 
+LOCAL = "local"
+"""Ray's word for a cluster that it starts on this machine."""
+
 SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray reports its use to its makers otherwise
     "RAY_gcs_server_request_timeout_seconds": "10",  # 60 otherwise: what does not answer hangs
@@ -77,7 +80,7 @@ def _connected(workers: int | None, address: str | None) -> Iterator[Engine]:
             settings: dict[str, Any] = {"address": address}
         else:
             cpus = workers or core_count()
-            settings = {"address": "local", "num_cpus": cpus, "num_gpus": 0, "_temp_dir": folder}
+            settings = {"address": LOCAL, "num_cpus": cpus, "num_gpus": 0, "_temp_dir": folder}
             settings["include_dashboard"] = False
         try:
             with interrupts_held():  # a Ray that is broken off while it starts or ends may crash
@@ -102,12 +105,16 @@ def _check_cluster(address: str) -> None:
 def _init(ray: ModuleType, settings: dict[str, Any]) -> None:
     try:
         ray.init(**settings, log_to_driver=False, logging_level=logging.CRITICAL)
-    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+    except Exception as error:  # some of Ray's have no class of their own
         reason = plain_line(str(error.__cause__ or error).strip().partition("\n")[0])
-        raise InfrastructureError(
-            f"the Ray cluster ({settings['address']}) cannot be started or joined: {reason}.\n"
-            "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
-        ) from error
+        advice = "This machine must be one of its nodes: ray start --address=HOST:PORT --num-cpus=0"
+        if settings["address"] == LOCAL:
+            advice = "Use --engine local"
+            if "AF_UNIX" in reason:
+                advice = f"Set TMPDIR to a shorter path than {tempfile.gettempdir()}, such as /tmp"
+        where = f"the Ray cluster ({settings['address']})"
+        text = f"{where} cannot be started or joined: {reason}.\n{advice}"
+        raise InfrastructureError(text) from error
 
 
 class RayEngine:

@@ -1,6 +1,8 @@
 import os
 import shlex
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from typer.core import TyperOption
@@ -91,8 +93,26 @@ def test_a_closed_or_full_stream_has_a_line_at_most_and_the_right_exit_code(
     assert (done.returncode, done.stderr) == (code, notes)
 
 
+@pytest.mark.parametrize("module", ["gymnasium", "typer"])
+def test_ctrl_c_while_the_command_loads_ends_it_with_a_line(tmp_path, monkeypatch, module):
+    interrupt = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nraise AssertionError\n"
+    (tmp_path / f"{module}.py").write_text(interrupt)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    command = Path(sys.executable).with_name("minitouch-bench")
+    done = subprocess.run([command, "--version"], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "minitouch-bench: interrupted\n"
+
+
 def test_escape_codes_of_a_name_reach_no_terminal(tmp_path):
     run("verify", "\x1b[31mred\u200b", directory=tmp_path).refused(6, "[31mred is")
+
+
+@pytest.mark.parametrize("option", [("--config=~/none.toml",), ("--config", "~/none.toml")])
+def test_a_home_that_no_shell_put_in_is_found_all_the_same(tmp_path, monkeypatch, option):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    done = run("train", "pushing", *option, directory=tmp_path)
+    done.refused(2, f"{tmp_path}/home/none.toml")
 
 
 def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path):

@@ -82,6 +82,13 @@ def test_everybody_dies_with_the_command(tmp_path):
     wait_until(lambda: not any(map(command_line, ours)), 5.0)
 
 
+def test_a_temporary_folder_that_is_too_long_for_sockets_is_named(tmp_path, monkeypatch):
+    pytest.importorskip("ray")
+    (tmp_path / ("long" * 25)).mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / ("long" * 25)))
+    run("evaluate", "zero", *ONE, "--engine", "ray", directory=tmp_path).refused(5, "TMPDIR")
+
+
 def test_an_address_without_ray_is_a_mistake(tmp_path):
     done = run("evaluate", "zero", *ONE, "--address", "10.0.0.1:6379", directory=tmp_path)
     done.refused(2, "--engine ray")

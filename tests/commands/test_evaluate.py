@@ -4,8 +4,8 @@ import csv
 import json
 import os
 import shutil
-import signal
 import time
+from signal import SIGINT, SIGTERM
 
 import numpy as np
 import pytest
@@ -181,12 +181,12 @@ def test_a_directory_that_holds_a_run_is_not_touched(scripted):
     assert {path.name: path.read_bytes() for path in directory.iterdir()} == before
 
 
-@pytest.mark.parametrize("episodes", [0, 1])
-def test_after_ctrl_c_the_run_is_resumed_with_the_same_result(scripted, tmp_path, episodes):
+@pytest.mark.parametrize(("stop", "episodes"), [(SIGINT, 0), (SIGINT, 1), (SIGTERM, 1)])
+def test_a_stopped_run_is_resumed_with_the_same_result(scripted, tmp_path, stop, episodes):
     process = start(*SCRIPTED, "--workers", 1, "--output", "run", directory=tmp_path)
     wait_for_records(tmp_path / "run", episodes, process)
     began = time.monotonic()
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, stop)
     broken = finish(process)
     assert time.monotonic() - began < 30.0
     assert broken.code == 130

@@ -1,3 +1,6 @@
+import errno
+import signal
+
 import minari
 import numpy as np
 import pytest
@@ -8,6 +11,8 @@ from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
+from tests.commands.command import finish, start
+from tests.process_tree import WITHOUT_LOCKS, run_python, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +61,37 @@ def test_a_fault_is_no_end_of_the_task(tmp_path):
         record("misbehaved:Hopeless", output=tmp_path / "none", **options)
 
 
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_a_recording_that_is_stopped_leaves_nothing(tmp_path, stop):
+    command = ("record", "random", "opening", "--episodes", 1000, "--output", "log")
+    process = start(*command, directory=tmp_path)
+    wait_until(lambda: list(tmp_path.glob(".log.unfinished/log/*")), 60)
+    process.send_signal(stop)
+    done = finish(process)
+    assert (done.code, done.out) == (130, "")
+    assert done.err.endswith("minitouch-bench: interrupted\n")
+    assert "Traceback" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+WITHOUT = f"""
+import sys
+from pathlib import Path
+from minitouch_bench.agents.recorded_data import fill_from_dataset
+from minitouch_bench.agents.replay import Replay
+from minitouch_bench.commands.record import record
+{WITHOUT_LOCKS}
+record("random", "pushing", output=Path(sys.argv[1]), episodes=1)
+replay = Replay(1000, 11, 4)
+fill_from_dataset(replay, Path(sys.argv[1]), 4)
+assert replay.rows
+"""
+
+
+def test_a_file_system_without_locks_takes_a_dataset(tmp_path):
+    run_python("-c", WITHOUT, errno.ENOLCK, tmp_path / "log")
+
+
 def test_a_dataset_is_not_overwritten(dataset):
     with pytest.raises(RunDirectoryError, match="--output"):
         record("random", "pushing", output=dataset, episodes=1)
@@ -71,5 +107,7 @@ def test_an_interrupted_recording_leaves_nothing_in_the_way(tmp_path, monkeypatc
         record("random", "opening", output=directory)
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / ".log.unfinished" / "log" / "data").mkdir(parents=True)  # as a kill -9 leaves it
     record("random", "opening", output=directory, episodes=2)
+    assert list(tmp_path.iterdir()) == [directory]
     assert len(list(minari.MinariDataset(tmp_path / "log").iterate_episodes())) == 2

@@ -62,26 +62,26 @@ def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
         baseline="reports/base line",
         policy=hostile,
         output="out/run",
-        junit="out/j.xml",
         metric="success",
         tolerance="5%",
         strict="true",
     )
     assert done.returncode == 0, done.stderr
+    junit = f"{tmp_path.parent}/minitouch-regress/junit.xml"
     assert arguments == [
-        "regress", "--baseline", "reports/base line", "--junit", "out/j.xml", "--json",
+        "regress", "--baseline", "reports/base line", "--junit", junit, "--json",
         "--metric", "success", "--tolerance", "5%", "--strict",
         "--output", "out/run", "--", hostile,
     ]  # fmt: skip
     assert not (tmp_path / "owned").exists()
-    assert (tmp_path / "output").read_text() == "decision=no regression\n"
+    assert (tmp_path / "output").read_text() == f"junit={junit}\ndecision=no regression\n"
 
 
 def test_the_script_ends_as_the_gate_does(tmp_path):
     done, arguments = gate(tmp_path, code=1, decision="regression", baseline="b", candidate="c")
     assert done.returncode == 1
     assert arguments[-2:] == ["--candidate", "c"]
-    assert (tmp_path / "output").read_text() == "decision=regression\n"
+    assert (tmp_path / "output").read_text().endswith("\ndecision=regression\n")
 
 
 def test_several_runs_are_one_per_line(tmp_path):
@@ -89,7 +89,8 @@ def test_several_runs_are_one_per_line(tmp_path):
     done, arguments = gate(tmp_path, baseline=baseline, candidate=candidate)
     assert done.returncode == 0, done.stderr
     assert arguments == [
-        "regress", "--baseline", "reports/a 1", "--baseline", "reports/a 2", "--junit", "",
+        "regress", "--baseline", "reports/a 1", "--baseline", "reports/a 2",
+        "--junit", f"{tmp_path.parent}/minitouch-regress/junit.xml",
         "--json", "--candidate", "reports/b 1", "--candidate", "reports/b 2",
     ]  # fmt: skip
 
@@ -113,6 +114,20 @@ def test_a_run_of_the_repository_is_not_continued(tmp_path, output):
     git(tmp_path, "init", "-q")
     git(tmp_path, "add", "out")
     assert refusal(tmp_path, **gated) == 2
+
+
+def test_a_committed_link_leads_nothing_out_of_the_checkout(tmp_path):
+    """Neither the JUnit XML, whose place no input names, nor the run."""
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    (clone / "minitouch-regress").symlink_to(tmp_path)
+    done, arguments = gate(clone, policy="p.onnx", baseline="b")
+    assert done.returncode == 0, done.stderr
+    for option in ("--junit", "--output"):
+        written = Path(arguments[arguments.index(option) + 1])
+        assert written.is_absolute()
+        assert not written.is_relative_to(clone)
+    assert refusal(clone, policy="p.onnx", baseline="b", output="minitouch-regress/run") == 2
 
 
 @pytest.fixture

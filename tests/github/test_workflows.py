@@ -10,6 +10,7 @@ from tests.altered import ROOT
 
 FOLDER = ROOT / ".github" / "workflows"
 FILES = sorted(FOLDER.glob("*.yml"))
+EXAMPLE = ROOT / "docs" / "examples" / "regress.yml"
 ACTION_FILE = ROOT / ".github" / "actions" / "regress" / "action.yml"
 OF_STRANGERS = {"site", "submission", "tests"}
 """They run on pull requests, also from forks."""
@@ -20,6 +21,9 @@ WRITING = {
     "submission-report/comment": {"contents": "read", "actions": "read", "pull-requests": "write"},
 }
 """Every job that may write, and all that it may."""
+
+OURS = "uses: OWNER/minitouch-bench/.github/actions/regress@COMMIT # v1.0.0\n"
+"""The gate in the example: whoever copies it puts in a commit."""
 
 ACTION = re.compile(
     r"((?:actions/|pypa/gh-action-)[a-z-]+)@([0-9a-f]{40} # v[0-9]+\.[0-9]+\.[0-9]+)"
@@ -63,7 +67,7 @@ def test_no_strangers_code_meets_a_secret_or_a_token_that_writes(name):
                 assert job["if"].startswith("github.event_name != 'pull_request' && "), key
 
 
-@pytest.mark.parametrize("file", [*FILES, ACTION_FILE], ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", [*FILES, ACTION_FILE, EXAMPLE], ids=lambda file: file.stem)
 def test_steps_use_no_credentials_and_scripts_no_expressions(file):
     document = yaml.safe_load(file.read_text())
     jobs = document["jobs"].values() if "jobs" in document else [document["runs"]]
@@ -75,8 +79,8 @@ def test_steps_use_no_credentials_and_scripts_no_expressions(file):
 
 def test_actions_are_known_ones_pinned_to_one_commit_each():
     pins = {}
-    for file in (ROOT / ".github").rglob("*.yml"):
-        for used in re.findall(r"uses: (.*)", file.read_text()):
+    for file in (*(ROOT / ".github").rglob("*.yml"), EXAMPLE):
+        for used in re.findall(r"uses: (.*)", file.read_text().replace(OURS, "")):
             action = ACTION.fullmatch(used)
             assert action, f"{file.name}: {used}"
             assert pins.setdefault(*action.groups()) == action[2], file.name

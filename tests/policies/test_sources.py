@@ -131,6 +131,7 @@ def test_a_training_directory_is_its_policy_of_each_role(tmp_path):
     ("settings", "task"),
     [
         ('task = "opening"\n', "opening"),
+        ('\ufefftask = "opening"\n', "opening"),
         ("task = 3\n", None),
         ('task = "opening"\n' + "a" + ".a" * 20_000 + " = 1\n", None),  # tomllib takes 1.5 GB
     ],
