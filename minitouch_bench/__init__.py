@@ -39,7 +39,16 @@ import gymnasium  # noqa: E402
 from minitouch_bench.protocol.minitouch import PROTOCOL  # noqa: E402
 
 if TYPE_CHECKING:
-    from minitouch_bench.api import Run, TaskResult, compare, evaluate, load_run, make, train
+    from minitouch_bench.api import (
+        Run,
+        TaskResult,
+        compare,
+        evaluate,
+        load_run,
+        make,
+        replay,
+        train,
+    )
     from minitouch_bench.errors import MiniTouchError
 
     __version__: str
@@ -53,6 +62,7 @@ __all__ = [
     "evaluate",
     "load_run",
     "make",
+    "replay",
     "train",
 ]
 

@@ -26,15 +26,16 @@ from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
+from minitouch_bench.reporting.viewer import EpisodePage
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.shapegen.manifest import Objects
-from minitouch_bench.verification.filming import film_run, require_video
+from minitouch_bench.verification.filming import film_run, require_video, show_episode
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
 
-__all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
+__all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "replay", "train"]
 
 AUTO_OUTPUT = "auto"
 """Means the directory that the command line takes by default."""
@@ -178,6 +179,18 @@ def load_run(path: StrPath) -> Run:
         RunDirectoryError: the directory is not a run, or is damaged.
     """
     return read_run(Path(path))
+
+
+def replay(run: Run | StrPath, episode: str) -> EpisodePage:
+    """Replay an episode of a run, called as "pushing/17", without its policy.
+
+    A notebook shows the page that is returned; ``save`` writes it.
+
+    Raises:
+        UsageError: the run has no such episode, or cannot be replayed here.
+        RunDirectoryError: the actions are missing, or their file is missing or damaged.
+    """
+    return show_episode(run if isinstance(run, Run) else read_run(Path(run)), episode)
 
 
 def train(

@@ -3,15 +3,12 @@
 import hashlib
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from html import escape
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from minitouch_bench.files import write_file
 from minitouch_bench.json_io import whole
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -172,31 +169,6 @@ class Film:
     scenes: NDArray[np.uint8]
     images: NDArray[np.uint8]
     touch: NDArray[np.float32]
-
-
-@dataclass(frozen=True, repr=False)
-class EpisodePage:
-    """The page of one replayed episode: a notebook shows it, and ``save`` writes it as a file."""
-
-    title: str
-    html: str
-
-    def save(self, path: Path | str) -> Path:
-        """Write the page, which opens offline.
-
-        Raises:
-            RunDirectoryError: the file cannot be written.
-        """
-        write_file(Path(path), self.html)
-        return Path(path)
-
-    def __repr__(self) -> str:
-        return f"<EpisodePage of {self.title}>"
-
-    def _repr_html_(self) -> str:
-        title, content = escape(self.title), escape(self.html)
-        style = "width:100%;height:900px;border:0"
-        return f'<iframe title="{title}" srcdoc="{content}" style="{style}"></iframe>'
 
 
 @dataclass(frozen=True)

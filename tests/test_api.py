@@ -71,7 +71,7 @@ def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
     assert run.directory is None
     assert run.faults == {}
     assert repr(run) == "<Run of Counter on smoke, unofficial: opening>"
-    assert "episode 1" in run.replay("opening/1").title
+    assert "episode 1" in mt.replay(run, "opening/1").title
     assert policy.acts == 0
 
 

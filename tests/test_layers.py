@@ -52,6 +52,20 @@ def imported_names(path, *, at_top=False):
     return found
 
 
+BY_STRING = {"__init__.py", "machine.py"}
+"""Public names are imported when they are used; packages that evaluation does not need, too."""
+
+
+def test_no_module_is_imported_by_a_string():
+    """Such an import could go up, and no other test here would see it."""
+    found = {
+        relative
+        for relative, path in MODULES.items()
+        if any(word in path.read_text() for word in ("import_module(", "__import__("))
+    }
+    assert found == BY_STRING
+
+
 def room_of(relative):
     return relative.split("/")[0].removesuffix(".py")
 

@@ -12,7 +12,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from numpy.typing import NDArray
 from PIL import Image
 
-from minitouch_bench.episode import EpisodePage, Film, Outcome
+from minitouch_bench.episode import Film, Outcome
 from minitouch_bench.errors import numbered, printable
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
@@ -150,6 +150,31 @@ def episode_csv(run: Run, film: Film) -> str:
     columns = episode_columns(film, run.plan.conditions)
     rows = zip(range(len(film.scenes)), *columns.values(), strict=True)
     return rows_csv(("step", *columns), rows)
+
+
+@dataclass(frozen=True, repr=False)
+class EpisodePage:
+    """The page of one replayed episode: a notebook shows it, and ``save`` writes it as a file."""
+
+    title: str
+    html: str
+
+    def save(self, path: Path | str) -> Path:
+        """Write the page, which opens offline.
+
+        Raises:
+            RunDirectoryError: the file cannot be written.
+        """
+        write_file(Path(path), self.html)
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return f"<EpisodePage of {self.title}>"
+
+    def _repr_html_(self) -> str:
+        title, content = escape(self.title), escape(self.html)
+        style = "width:100%;height:900px;border:0"
+        return f'<iframe title="{title}" srcdoc="{content}" style="{style}"></iframe>'
 
 
 def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:

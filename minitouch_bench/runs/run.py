@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -19,7 +18,6 @@ from minitouch_bench.episode import (
     IN_MEMORY,
     Count,
     Episode,
-    EpisodePage,
     EpisodeSpec,
     PlayedEpisode,
     PolicyIdentity,
@@ -209,18 +207,6 @@ class Run:
         Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
         """
         return table4_frame(self.summary)
-
-    def replay(self, episode: str) -> EpisodePage:
-        """Replay an episode, called as "pushing/17"; a notebook shows the page that is returned.
-
-        Raises:
-            UsageError: the run has no such episode, or cannot be replayed here.
-            RunDirectoryError: the actions are missing, or their file is damaged.
-        """
-        # The simulator is needed for this alone, and is above the floor of the runs.
-        filming = import_module("minitouch_bench.verification.filming")
-        page: EpisodePage = filming.show_episode(self, episode)
-        return page
 
     def __getitem__(self, task: str) -> TaskResult:
         for summary in self.summary.tasks:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from minitouch_bench.episode import EpisodePage, EpisodeSpec, Film, PlayedEpisode, Role
+from minitouch_bench.episode import EpisodeSpec, Film, PlayedEpisode, Role
 from minitouch_bench.errors import RunDirectoryError, numbered
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
@@ -24,7 +24,7 @@ from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, Policy
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.reporting.viewer import episode_csv, episode_page
+from minitouch_bench.reporting.viewer import EpisodePage, episode_csv, episode_page
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.verification.replay_check import is_as_recorded
