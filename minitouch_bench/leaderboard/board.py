@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
-from minitouch_bench.leaderboard.entry import Draw, Entry, Row
+from minitouch_bench.leaderboard.entry import Entry, FreshDraw, RowFacts
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.ranking import (
     BOARD_TASKS,
@@ -49,7 +49,7 @@ class PlayedRow:
     """A submission with what ``play`` kept of it: its draws, and the runs of finished suites."""
 
     submission: Submission
-    row: Row
+    row: RowFacts
     official: Runs
     fresh: Runs
 
@@ -68,7 +68,7 @@ class PlayedRow:
         runs = self.official.get(MAIN_SUITE, ())
         return [[row for row in run.rows if row.task == task] for run in runs]
 
-    def draws(self) -> tuple[Draw, ...]:
+    def draws(self) -> tuple[FreshDraw, ...]:
         """Return the draw of each training."""
         found = (self.row.draw_for(training) for training in self.submission.trainings)
         return tuple(draw for draw in found if draw is not None)
@@ -320,7 +320,7 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     runs = [run for one in played.values() for run in next(iter(one.official.values()))]
     # A built-in policy is never a copy, whenever its row was played.
     order = sorted(trainings, key=lambda one: (one[1].final != "", one[1].at, one[0]))
-    digests: dict[str, list[tuple[str, Draw]]] = {}
+    digests: dict[str, list[tuple[str, FreshDraw]]] = {}
     for training in order:
         if training[1].final:
             digests.setdefault(training[1].final, []).append(training)

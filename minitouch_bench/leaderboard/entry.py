@@ -48,7 +48,7 @@ MEASURED_EPISODES = 20
 
 
 @dataclass(frozen=True)
-class Draw:
+class FreshDraw:
     """Randomness for the fresh episodes of a training, drawn when its policies were fixed.
 
     ``final`` and ``exploration``: digests of the policies that it was drawn for. ``at``: when, in
@@ -64,7 +64,7 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Row:
+class RowFacts:
     """What ``row.toml`` says.
 
     ``played``: the suites that every training has finished, with their fresh episodes.
@@ -72,14 +72,14 @@ class Row:
     "" if nothing prevents it.
     """
 
-    draws: tuple[Draw, ...] = ()
+    draws: tuple[FreshDraw, ...] = ()
     played: tuple[str, ...] = ()
     drop_p: float = 1.0
     waiting: str = ""
     format: Literal["minitouch-row"] = "minitouch-row"
     version: Literal[1] = 1
 
-    def draw_for(self, training: SubmittedTraining) -> Draw | None:
+    def draw_for(self, training: SubmittedTraining) -> FreshDraw | None:
         """Return the draw for a training's policies as they are, None where there is none."""
         wanted = (training.seed, training.digest(Role.FINAL), training.digest(Role.EXPLORATION))
         found = (one for one in self.draws if (one.seed, one.final, one.exploration) == wanted)
@@ -87,7 +87,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Part:
+class RowRun:
     """A run of a row: a suite, or its fresh episodes, with the policies of one training."""
 
     training: SubmittedTraining
@@ -131,7 +131,7 @@ class Entry:
         """Return what ``evaluate`` takes as the POLICY of a training."""
         return self.name if self.submission.is_built_in else str(self.directory / training.folder)
 
-    def read_row(self) -> Row:
+    def read_row(self) -> RowFacts:
         """Return what ``row.toml`` says; a row without a draw where there is none.
 
         Raises:
@@ -139,23 +139,23 @@ class Entry:
         """
         path = self.results / ROW_FILE
         if not path.exists():
-            return Row()
+            return RowFacts()
         try:
-            return take_table(read_toml(path), Row, str(path))
+            return take_table(read_toml(path), RowFacts, str(path))
         except errors.UsageError as error:
             raise errors.RunDirectoryError(str(error)) from error
 
-    def parts(self, row: Row) -> Iterator[Part]:
+    def parts(self, row: RowFacts) -> Iterator[RowRun]:
         """Yield the runs of the row whose draws are made, training by training."""
         for training in self.submission.trainings:
             draw = row.draw_for(training)
             for suite in self.submission.suites if draw else ():
                 assert draw is not None
-                yield Part(training, make_plan(suite), is_fresh=False)
+                yield RowRun(training, make_plan(suite), is_fresh=False)
                 fresh = fresh_plan(suite, training.digest(Role.FINAL), draw.randomness)
-                yield Part(training, fresh, is_fresh=True)
+                yield RowRun(training, fresh, is_fresh=True)
 
-    def read_run(self, part: Part) -> Run | None:
+    def read_run(self, part: RowRun) -> Run | None:
         """Return a finished run, None where it was not played.
 
         Raises:
@@ -173,7 +173,7 @@ class Entry:
             raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
         return run
 
-    def read_runs(self, row: Row) -> tuple[Runs, Runs]:
+    def read_runs(self, row: RowFacts) -> tuple[Runs, Runs]:
         """Return the official runs and the fresh ones of suites that every training has finished.
 
         Raises:
@@ -202,7 +202,7 @@ def play_row(
     *,
     suites: Sequence[str] = (),
     directory: Path = PLAY,
-) -> Row:
+) -> RowFacts:
     """Play what is missing of a row, or was changed, and return what its file says then.
 
     ``suites``: only these of the submission's. ``directory``: of unfinished runs.
@@ -243,12 +243,12 @@ def play_row(
         return row
 
 
-def _keep_draws(entry: Entry) -> Row:
+def _keep_draws(entry: Entry) -> RowFacts:
     """Draw for each training whose policies are new, and keep the draws of the others."""
     row = entry.read_row()
     draws = tuple(
         row.draw_for(training)
-        or Draw(
+        or FreshDraw(
             training.seed,
             training.digest(Role.FINAL),
             training.digest(Role.EXPLORATION),
@@ -259,12 +259,12 @@ def _keep_draws(entry: Entry) -> Row:
         for training in entry.submission.trainings
     )
     if draws != row.draws:
-        row = Row(draws)
+        row = RowFacts(draws)
         files.write_file(entry.results / ROW_FILE, write_toml(row))
     return row
 
 
-def _missing(entry: Entry, row: Row, callbacks: Callbacks) -> Iterator[Part]:
+def _missing(entry: Entry, row: RowFacts, callbacks: Callbacks) -> Iterator[RowRun]:
     """Yield the runs that were not played, or whose files are not of today's row."""
     for part in entry.parts(row):
         try:
@@ -292,7 +292,7 @@ def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
 
 
 def _play_part(
-    entry: Entry, part: Part, engine: Engine, callbacks: Callbacks, directory: Path
+    entry: Entry, part: RowRun, engine: Engine, callbacks: Callbacks, directory: Path
 ) -> None:
     policy = entry.policy(part.training)
     setup = prepare_policies(

@@ -5,6 +5,8 @@ import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from PIL import Image
 
 from minitouch_bench.episode import Film, Outcome
 from minitouch_bench.errors import numbered, printable
+from minitouch_bench.files import write_file
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from minitouch_bench.leaderboard.entry import Row
+from minitouch_bench.leaderboard.entry import RowFacts
 from tests.altered import ROOT
 from tests.commands.command import COMMAND, run
 from tests.leaderboard.playing import play_few
@@ -43,7 +43,7 @@ def test_rows_are_played_and_a_broken_one_is_named(root, monkeypatch):
     assert (done.code, done.out) == (0, "reports/results/hac\n")
     assert "leaderboard build" in done.err
     monkeypatch.setattr(
-        "minitouch_bench.leaderboard.entry.play_row", lambda *_, **__: Row(waiting="9 hours")
+        "minitouch_bench.leaderboard.entry.play_row", lambda *_, **__: RowFacts(waiting="9 hours")
     )
     waits = run("leaderboard", "play", "hac", directory=root)
     assert (waits.code, waits.out) == (5, "hac: it stays waiting: 9 hours\n")

@@ -10,7 +10,7 @@ import numpy as np
 from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.files import PACKED_RUN_FILE, write_file
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard.entry import ROW_FILE, Draw, Entry, Part, Row
+from minitouch_bench.leaderboard.entry import ROW_FILE, Entry, FreshDraw, RowFacts, RowRun
 from minitouch_bench.leaderboard.fresh import drop_p
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.policies.formats import BUILT_IN
@@ -62,7 +62,7 @@ def played(plan: Plan, policies: dict[Role, PolicyIdentity], skill: float, seed:
     return Played(header, environment, tuple(records))
 
 
-def write_result(entry: Entry, part: Part, skill: float, faults: int = 0) -> None:
+def write_result(entry: Entry, part: RowRun, skill: float, faults: int = 0) -> None:
     """Write a run of a row as ``play`` does."""
     kind = entry.name if entry.submission.is_built_in else "native"
     policies = {
@@ -114,10 +114,12 @@ def make_row(
     )  # fmt: skip
     entry = entry_of(directory)
     draws = tuple(
-        Draw(one.seed, one.digest(Role.FINAL), one.digest(Role.EXPLORATION), "ab" * 32, at, "Xeon")
+        FreshDraw(
+            one.seed, one.digest(Role.FINAL), one.digest(Role.EXPLORATION), "ab" * 32, at, "Xeon"
+        )
         for one in entry.submission.trainings
     )
-    row = Row(draws)
+    row = RowFacts(draws)
     for part in entry.parts(row):
         own = fresh_skill if part.is_fresh and fresh_skill is not None else skill
         write_result(entry, part, own, 0 if part.is_fresh else faults)
