@@ -74,12 +74,13 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     ],
     output: Output,
     scale: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="[FILE=]X",
-            help="Meters in one unit of the files, or of the one named; may be repeated.",
+            help="Meters in one unit of the files, by default 1, or of the file named; "
+            "may be repeated.",
         ),
-    ] = ["1"],  # noqa: B006 - typer's form
+    ] = None,
     fit: Annotated[bool, typer.Option(help="Give each object a size the hand can grip.")] = False,
     density: Annotated[
         float | None,
@@ -96,7 +97,7 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     from minitouch_bench.shapegen import exchange
     from minitouch_bench.shapegen.soundness import Reason
 
-    scales = _scales_of(scale)
+    scales = _scales_of(scale or [])
     config = exchange.ImportConfig(scales.pop("", 1.0), fit, density, scales)
     with count_progress("objects") as progress:
         result = exchange.import_objects(sources, output, config, workers, progress, fresh=fresh)
