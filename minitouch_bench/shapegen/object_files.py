@@ -50,13 +50,17 @@ def find_objects(sources: Sequence[Path]) -> dict[str, Path]:
     """
     objects: dict[str, Path] = {}
     for source in sources:
-        if source.is_dir():
+        if os.path.isdir(source):
             found = (path for path in source.rglob("*") if path.is_file())
             named = {str(path.relative_to(source)): path for path in found}
-        elif source.is_file() and source.suffix.lower() in SUFFIXES:
+        elif os.path.isfile(source) and source.suffix.lower() in SUFFIXES:
             named = {source.name: source}
         else:
-            what = "is not an OBJ, STL, GLB or URDF file" if source.exists() else "does not exist"
+            what = (
+                "is not an OBJ, STL, GLB or URDF file"
+                if os.path.exists(source)
+                else "does not exist"
+            )
             raise UsageError(f"{source} {what}")
         named = {name: path for name, path in named.items() if path.suffix.lower() in SUFFIXES}
         if twice := objects.keys() & named.keys():
@@ -120,7 +124,7 @@ def _read_mesh(path: Path) -> Mesh:
 def _parse(content: bytes, kind: str) -> tuple[Points, Any]:
     """Return vertices (V, 3) and faces (F, 3) of an STL or GLB file.
 
-    It is read from memory: the materials and buffers that a file names are not opened.
+    It is read from memory, without pictures: what a file names is not opened.
     """
     if kind == ".glb":
         header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
@@ -130,7 +134,11 @@ def _parse(content: bytes, kind: str) -> tuple[Points, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         loaded: Any = trimesh.load(
-            io.BytesIO(content), file_type=kind[1:], force="mesh", process=False
+            io.BytesIO(content),
+            file_type=kind[1:],
+            force="mesh",
+            process=False,
+            skip_materials=True,
         )
     return np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces)
 
