@@ -35,7 +35,7 @@ from minitouch_bench.shapegen.body_codec import (
     quantized,
 )
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
-from minitouch_bench.shapegen.manifest import MANIFEST, PACK, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 
@@ -119,7 +119,7 @@ def import_objects(
 ) -> ImportResult:
     """Import files, and every object below folders, into a new set in ``folder``.
 
-    ``fresh``: an imported set that is there already is replaced.
+    ``fresh``: an imported set that is there already is replaced when the new one is complete.
 
     Raises:
         UsageError: there are no objects, or none of a name that has a scale of its own.
@@ -129,56 +129,62 @@ def import_objects(
     objects = find_objects(sources)
     if unknown := config.scales.keys() - objects.keys():
         raise UsageError(f"--scale: no object is called '{min(unknown)}'")
-    answers: dict[int, Any] = {}
     with lock_directory(folder):
-        _clear(folder, fresh=fresh)
-        tasks = [
-            (path, replace(config, scale=config.scales.get(name, config.scale)))
-            for name, path in objects.items()
-        ]
-        for place, answer in run_in_workers(
-            import_in_worker, tasks, workers, name=lambda t: str(t[0]), ended=_worker_ended
-        ):
-            answers[place] = answer
-            progress(len(answers), len(tasks))
-        refused, not_promised, kept, set_digest = {}, {}, [], ""
+        _check_output(folder, fresh=fresh)
+        answers = _import_all(objects, config, workers, progress)
+        refused = {name: reason for name, (reason, _, _) in answers.items() if reason}
+        accepted = {name: answer for name, answer in answers.items() if name not in refused}
         first: dict[str, str] = {}
-        for number, (name, plain) in enumerate(zip(objects, _plain_names(objects), strict=True)):
-            reason, entry, record = answers[number]
-            if reason:
-                refused[name] = reason
-                continue
+        for name, (_, entry, record) in accepted.items():
             if (same := first.setdefault(digest(record), name)) != name:
                 entry["not_promised"].append(f"{soundness.Reason.COPY} ({same})")
-            not_promised[name] = entry["not_promised"]
-            kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
+        plain = dict(zip(objects, _plain_names(objects), strict=True))
+        kept = [
+            ({"name": plain[name], "family": FAMILY, "source": name, **entry}, record)
+            for name, (_, entry, record) in accepted.items()
+        ]
+        set_digest = ""
         if kept:
             how: dict[str, Any] = {"scale": config.scale, "fit": config.fit}
             if config.scales:
                 how["scales"] = dict(config.scales)
             header = {"name": folder.absolute().name, "imported": how, "refused": refused}
             set_digest = content_digest(write_set(folder, header, kept))
+    not_promised = {name: entry["not_promised"] for name, (_, entry, _) in accepted.items()}
     return ImportResult(set_digest, len(kept), refused, not_promised)
 
 
-def _clear(folder: Path, *, fresh: bool) -> None:
-    """Remove an imported set from a folder, where that is asked for.
+def _check_output(folder: Path, *, fresh: bool) -> None:
+    """Check that a set may be written.
 
     Raises:
-        RunDirectoryError: there is a set which may not be removed.
+        RunDirectoryError: there is a set that may not be replaced.
     """
-    if not (folder / MANIFEST).exists():
-        return
-    if not fresh:
-        raise RunDirectoryError(
-            f"{folder} contains a shape set already; choose another --output, or replace an "
-            "imported set with --fresh"
-        )
-    if "imported" not in load_shape_set(folder).document:
-        raise RunDirectoryError(f"{folder} contains a set that was not imported: it is kept")
-    with os_errors_as(RunDirectoryError, folder, "cleared"):
-        (folder / MANIFEST).unlink()
-        (folder / PACK).unlink(missing_ok=True)
+    if (folder / MANIFEST).exists():
+        if not fresh:
+            raise RunDirectoryError(
+                f"{folder} contains a shape set already; choose another --output, or replace an "
+                "imported set with --fresh"
+            )
+        if "imported" not in load_shape_set(folder).document:
+            raise RunDirectoryError(f"{folder} contains a set that was not imported: it is kept")
+
+
+def _import_all(
+    objects: Mapping[str, Path], config: ImportConfig, workers: int, progress: Progress
+) -> dict[str, "Imported"]:
+    """Import each object in a worker; return the answers by name, in the order of the objects."""
+    tasks = [
+        (path, replace(config, scale=config.scales.get(name, config.scale)))
+        for name, path in objects.items()
+    ]
+    answers: dict[int, Imported] = {}
+    for place, answer in run_in_workers(
+        import_in_worker, tasks, workers, name=lambda t: str(t[0]), ended=_worker_ended
+    ):
+        answers[place] = answer
+        progress(len(answers), len(tasks))
+    return {name: answers[place] for place, name in enumerate(objects)}
 
 
 Imported = tuple[str, dict[str, Any], bytes]
