@@ -223,7 +223,7 @@ def _read_urdf(path: Path) -> Mesh:
                 raise UnreadableError(f"with it the meshes have more than {MOST_BYTES // MIB} MiB")
             read = _read_mesh(file)
         except UnreadableError as error:
-            raise UnreadableError(f"its mesh {mesh.get('filename')}: {error}") from error
+            raise UnreadableError(f"its mesh '{mesh.get('filename', '')}': {error}") from error
         points.append(trimesh.transform_points(read.vertices, placed))
         faces.append(read.faces[:, :: -1 if math.prod(scale) < 0.0 else 1])  # mirrored
     if not points:
