@@ -165,13 +165,15 @@ def run_in_workers(
     workers: int,
     *,
     name: Callable[[Job], str],
+    ended: Callable[[str], Result] | None = None,
 ) -> Generator[tuple[int, Result], None, None]:
     """Yield (index, ``function(job)``) as jobs end, from ``workers`` processes.
 
     The function is copied to each worker once, and keeps there what it remembers. A job whose
     worker dies, or whose function raises, is tried again in a new process. An error that is
     the user's passes through at once: any ``MiniTouchError`` but an ``InfrastructureError``.
-    ``name`` says in an error which job failed.
+    ``name`` says in an error which job failed. ``ended`` makes a result of what is known where
+    the job's worker died each time, so that the other jobs go on.
 
     Raises:
         InfrastructureError: a job failed three times, or no worker can be started.
@@ -195,12 +197,16 @@ def run_in_workers(
                     continue
                 if not isinstance(result, InfrastructureError):
                     raise result
-                if attempt == MAX_ATTEMPTS:
-                    text = f"{name(jobs[index])} failed {MAX_ATTEMPTS} times: {result}"
-                    raise InfrastructureError(text)
-                waiting.appendleft((index, attempt + 1))
+                is_dead = worker.process.returncode is not None
                 pool.remove(worker)
                 worker.close()
+                text = f"failed {MAX_ATTEMPTS} times: {result}"
+                if attempt < MAX_ATTEMPTS:
+                    waiting.appendleft((index, attempt + 1))
+                elif is_dead and ended:
+                    yield index, ended(text)
+                else:
+                    raise InfrastructureError(f"{name(jobs[index])} {text}")
     finally:
         for worker in pool:
             worker.close()

@@ -137,6 +137,17 @@ def test_the_job_of_a_dead_worker_is_tried_three_times(tmp_path):
     assert Path(jobs[1]).read_text() == "0"
 
 
+def test_a_job_whose_worker_dies_may_have_a_result_and_the_others_go_on(tmp_path):
+    jobs = [str(tmp_path / name) for name in "ab"]
+    for job, deaths in zip(jobs, (3, 0), strict=True):
+        Path(job).write_text(str(deaths))
+    found = dict(run_in_workers(die_until, jobs, 1, name=str, ended=str.upper))
+    assert "EXIT CODE -9" in found.pop(0)
+    assert found.keys() == {1}
+    with pytest.raises(InfrastructureError, match="no luck"):  # its worker lives
+        list(run_in_workers(fail, [str(tmp_path / "c")], 1, name=str, ended=str.upper))
+
+
 def test_a_function_that_raises_is_tried_in_three_processes_and_named(tmp_path):
     file = tmp_path / "a"
     with pytest.raises(InfrastructureError, match=r"^job a failed 3 times: ValueError: no luck$"):

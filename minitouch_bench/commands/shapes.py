@@ -7,7 +7,7 @@ import typer
 
 from minitouch_bench.cli.console import count_progress, note
 from minitouch_bench.cli.options import Command, make_group
-from minitouch_bench.errors import numbered
+from minitouch_bench.errors import UsageError, numbered, printable
 
 app = make_group(help="Make, check, view and exchange sets of shapes.")
 
@@ -45,7 +45,7 @@ def check(
     with count_progress("proofs") as progress:
         problems = check_set(shapes, workers, quick, progress)
     for problem in problems:
-        print(problem)
+        print(printable(problem))
     if problems:
         note(f"{folder}: {numbered(len(problems), 'problem')}")
         raise typer.Exit(1)
@@ -64,9 +64,23 @@ def preview(folder: Folder, output: Output) -> None:
 
 @app.command("import", cls=Command)
 def import_objects(  # noqa: PLR0917 - each parameter is an option of the command
-    source: Annotated[Path, typer.Argument(help="Folder of OBJ, STL, GLB or URDF objects.")],
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SOURCE",
+            help="OBJ, STL, GLB or URDF files, or folders of them.",
+            show_default=False,
+        ),
+    ],
     output: Output,
-    scale: Annotated[float, typer.Option(help="Meters in one unit of the files.")] = 1.0,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[FILE=]X",
+            help="Meters in one unit of the files, by default 1, or of the file named; "
+            "may be repeated.",
+        ),
+    ] = None,
     fit: Annotated[bool, typer.Option(help="Give each object a size the hand can grip.")] = False,
     density: Annotated[
         float | None,
@@ -74,29 +88,54 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
             min=1.0, help="Density in kg/m3; by default near 1000, for a mass of 1.2 to 3.5 kg."
         ),
     ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Replace the imported set in the folder.")
+    ] = False,
     workers: Workers = 1,
 ) -> None:
     """Make a set of given objects; exit 1 with the reason of each refusal."""
     from minitouch_bench.shapegen import exchange
     from minitouch_bench.shapegen.soundness import Reason
 
-    config = exchange.ImportConfig(scale, fit, density)
+    scales = _scales_of(scale or [])
+    config = exchange.ImportConfig(scales.pop("", 1.0), fit, density, scales)
     with count_progress("objects") as progress:
-        result = exchange.import_objects(source, output, config, workers, progress)
+        result = exchange.import_objects(sources, output, config, workers, progress, fresh=fresh)
     for name, reason in result.refused.items():
-        print(f"{name}: {reason}")
+        print(printable(f"{name}: {reason}"))
     for name, missed in result.not_promised.items():
         if missed:
-            print(f"{name}: accepted, not promised: {', '.join(missed)}")
+            print(printable(f"{name}: accepted, not promised: {', '.join(missed)}"))
     print(f"{result.accepted} accepted, {len(result.refused)} refused")
     if not fit and any(reason.startswith(Reason.SIZE) for reason in result.refused.values()):
-        note("--fit gives each object a size the hand can grip; --scale sets the unit")
+        note(
+            "--fit gives each object a size the hand can grip; --scale sets the unit, "
+            "--scale FILE=X that of one file"
+        )
     if density is None:
         note("each weighs 1.2 to 3.5 kg, as fingers feel it; --density gives another weight")
     if result.accepted:
         print(f"set in {output}, digest {result.digest}")
     if result.refused or not result.accepted:
         raise typer.Exit(1)
+
+
+def _scales_of(texts: list[str]) -> dict[str, float]:
+    """Return the number of each ``--scale`` by file, "" for all the others.
+
+    Raises:
+        UsageError: one of them is not a number, or two are for the same files.
+    """
+    scales: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.rpartition("=")
+        if name in scales:
+            raise UsageError(f"--scale is given twice for {name or 'all files'}")
+        try:
+            scales[name] = float(number)
+        except ValueError as error:
+            raise UsageError(f"--scale is a number or FILE=NUMBER, not '{text}'") from error
+    return scales
 
 
 @app.command(cls=Command)

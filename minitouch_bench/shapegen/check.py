@@ -50,6 +50,10 @@ def check_set(
     return tuple(problems)
 
 
+def _is_imported(shapes: ShapeSet) -> bool:
+    return "imported" in shapes.document
+
+
 def _pack_problems(shapes: ShapeSet) -> Iterator[str]:
     try:
         pack = read_file(shapes.shapes[0].pack, GIB, follow=True)
@@ -68,7 +72,7 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
         if number > 1:
             yield f"{name} is listed {number} times"
     first: dict[str, str] = {}
-    for shape in listed:
+    for shape in () if _is_imported(shapes) else listed:  # the copies among a user's are listed so
         if shape.digest in first:
             yield f"{shape.name} is a copy of {first[shape.digest]}"
         first.setdefault(shape.digest, shape.name)
@@ -94,8 +98,7 @@ def _unsound(
 ) -> Iterator[str]:
     """Yield the shapes that fail a criterion, or measure otherwise than the manifest says."""
     order = sorted(bodies)
-    is_imported = "imported" in shapes.document
-    tasks = [(shapes.shapes[position].record(), is_imported) for position in order]
+    tasks = [(shapes.shapes[position].record(), _is_imported(shapes)) for position in order]
     verdicts: dict[int, tuple[str, Any]] = {}
     for task, verdict in run_in_workers(examine_record, tasks, workers, name=lambda _: "a proof"):
         verdicts[order[task]] = verdict

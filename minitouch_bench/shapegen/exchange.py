@@ -1,48 +1,64 @@
 """Exchange shapes with other programs: objects become a set, or a set becomes files.
 
-An object is an OBJ, STL or GLB file of a watertight mesh, or a URDF of one link. Files can be a
-stranger's: their sizes are bounded before anything is parsed, and only meshes that a URDF names are
-opened beside them.
+An object is a file of a watertight mesh that ``object_files`` reads. It can be a stranger's: the
+memory of the workers that import is limited.
 """
 
-import io
 import math
 import re
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+import resource
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-import trimesh
 
-from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
-from minitouch_bench.files import MIB, lock_directory, os_errors_as, read_file, replace_file
+from minitouch_bench.errors import (
+    InfrastructureError,
+    MiniTouchError,
+    RunDirectoryError,
+    UsageError,
+)
+from minitouch_bench.files import GIB, lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen import solids, soundness
-from minitouch_bench.shapegen.body_codec import Body, body_files, encode, obj_text, quantized
+from minitouch_bench.shapegen.body_codec import (
+    Body,
+    body_files,
+    digest,
+    encode,
+    obj_text,
+    quantized,
+)
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
-from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet
-from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, rest_poses, solid_moments
+from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, rest_poses, solid_moments
+from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 
 FAMILY = "imported"
 LONGEST_STEM = 150
 """Characters of a file's name that its shape keeps."""
 
+MOST_PARTS = 500
+"""Separate surfaces in one object."""
+MOST_MEMORY = 4 * GIB
+"""What a worker may map to import objects, beyond what it has when it starts."""
+MOST_HOLLOW = 0.001
+"""Cavities, as a share of the volume, that are filled: hulls that cover an object leave some."""
+FLAT = 1e-9
+"""Volume, as a share of the cube over the longest side, up to which a surface encloses none."""
+
 NOT_WATERTIGHT = (
     "not a watertight mesh; repair it in another program, such as Blender (3D Print Toolbox) "
     "or MeshLab, and import it again"
 )
-SUFFIXES = (".urdf", ".obj", ".stl", ".glb")
-"""What an object is read from; the meshes that a URDF names do not count again."""
-MOST_FACES = 500_000
-MOST_BYTES = 64 * MIB
-"""More than half a million faces of any of these formats."""
-
+HOLLOW = "hollow, with a closed cavity inside; fill the cavity, or cut an opening into it"
+NO_VOLUME = "its surface encloses no volume"
+CROSSING = "its faces cross each other, so that it encloses no certain volume; repair it"
 
 LENGTH = (0.010, 0.125)
 """Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
@@ -52,31 +68,31 @@ USUAL_DENSITY = 1000.0
 """That of water, kg/m³."""
 UNITS = (1.0, 0.001, 0.01, 0.0254)
 """Meters in what the unit of a file can be: m, mm, cm, inches."""
-
-
-class UnreadableError(Exception):
-    """A file holds no mesh we can use; the text says why, in few words."""
+MOST_TRIES = 4
+"""Scales that are tried for an object whose size is refused."""
 
 
 @dataclass(frozen=True)
 class ImportConfig:
     """How objects become shapes.
 
-    ``scale`` turns the files' units into m. ``fit`` then shrinks or grows each object into the
-    size the Panda can grip. ``density`` in kg/m³; without one the nearest to 1000 at which the
-    mass is within the bounds of a shape.
+    ``scale`` turns the files' units into m, and ``scales`` those of single files, by name.
+    ``fit`` then shrinks or grows each object into the size the Panda can grip. ``density`` in
+    kg/m³; without one the nearest to 1000 at which the mass is within the bounds of a shape.
 
     Raises:
-        UsageError: ``scale`` is not a number above 0.
+        UsageError: a scale is not a number above 0.
     """
 
     scale: float = 1.0
     fit: bool = False
     density: float | None = None
+    scales: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.scale < math.inf:
-            raise UsageError(f"--scale is a number above 0, not {self.scale:g}")
+        for scale in (self.scale, *self.scales.values()):
+            if not 0.0 < scale < math.inf:
+                raise UsageError(f"--scale is a number above 0, not {scale:g}")
 
 
 @dataclass(frozen=True)
@@ -93,89 +109,207 @@ class ImportResult:
 
 
 def import_objects(
-    source: Path,
+    sources: Sequence[Path],
     folder: Path,
     config: ImportConfig,
     workers: int = 1,
     progress: Progress = lambda *_: None,
+    *,
+    fresh: bool = False,
 ) -> ImportResult:
-    """Import every object below ``source`` into a new set in ``folder``.
+    """Import files, and every object below folders, into a new set in ``folder``.
+
+    ``fresh``: an imported set that is there already is replaced when the new one is complete.
 
     Raises:
-        UsageError: there are no objects.
-        RunDirectoryError: ``folder`` holds a set already, or another process works there.
-        InfrastructureError: the folder cannot be written, or a worker died.
+        UsageError: there are no objects, or none of a name that has a scale of its own.
+        RunDirectoryError: ``folder`` contains a set already, or another process works there.
+        InfrastructureError: the folder cannot be written.
     """
-    paths = find_objects(source)
-    answers: dict[int, Any] = {}
+    objects = find_objects(sources)
+    if unknown := config.scales.keys() - objects.keys():
+        raise UsageError(f"--scale: no object is called '{min(unknown)}'")
     with lock_directory(folder):
-        if (folder / MANIFEST).exists():
-            raise RunDirectoryError(f"{folder} holds a shape set already; choose another --output")
-        tasks = [(path, config) for path in paths]
-        for place, answer in run_in_workers(import_one, tasks, workers, name=lambda t: str(t[0])):
-            answers[place] = answer
-            progress(len(answers), len(paths))
-        names = [str(path.relative_to(source)) for path in paths]
-        refused, not_promised, kept, digest = {}, {}, [], ""
-        for number, (name, plain) in enumerate(zip(names, _plain_names(names), strict=True)):
-            reason, entry, record = answers[number]
-            if reason:
-                refused[name] = reason
-            else:
-                not_promised[name] = entry["not_promised"]
-                kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
+        _check_output(folder, fresh=fresh)
+        answers = _import_all(objects, config, workers, progress)
+        refused = {name: reason for name, (reason, _, _) in answers.items() if reason}
+        accepted = {name: answer for name, answer in answers.items() if name not in refused}
+        first: dict[str, str] = {}
+        for name, (_, entry, record) in accepted.items():
+            if (same := first.setdefault(digest(record), name)) != name:
+                entry["not_promised"].append(f"{soundness.Reason.COPY} ({same})")
+        plain = dict(zip(objects, _plain_names(objects), strict=True))
+        kept = [
+            ({"name": plain[name], "family": FAMILY, "source": name, **entry}, record)
+            for name, (_, entry, record) in accepted.items()
+        ]
+        set_digest = ""
         if kept:
-            header = {"name": folder.name, "imported": {"scale": config.scale, "fit": config.fit}}
-            digest = content_digest(write_set(folder, {**header, "refused": refused}, kept))
-    return ImportResult(digest, len(kept), refused, not_promised)
+            how: dict[str, Any] = {"scale": config.scale, "fit": config.fit}
+            if config.scales:
+                how["scales"] = dict(config.scales)
+            header = {"name": folder.absolute().name, "imported": how, "refused": refused}
+            set_digest = content_digest(write_set(folder, header, kept))
+    not_promised = {name: entry["not_promised"] for name, (_, entry, _) in accepted.items()}
+    return ImportResult(set_digest, len(kept), refused, not_promised)
 
 
-def import_one(task: tuple[Path, ImportConfig]) -> tuple[str, dict[str, Any], bytes]:
-    """Return (reason refused or "", entry, record) of one file; runs in a worker."""
-    path, config = task
-    missed: dict[soundness.Reason, str] = {}
-    try:
-        mesh = prepared(read_object(path), config)
-        soundness.check_mesh(mesh, missed.__setitem__)  # before CoACD, which takes long
-        volume = solid_moments(mesh).volume
-        low, high = (mass / volume for mass in soundness.LIMITS.mass)
-        density = config.density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
-        body = weighed(mesh, density)
-        measures = soundness.examine(body, missed.__setitem__)
-        soundness.check_usable(body, measures["poses"][0], missed.__setitem__)
-    except UnreadableError as error:
-        return str(error), {}, b""
-    except soundness.UnsoundError as error:
-        scale = config.scale * error.factor
-        advice = f"; accepted with --scale {scale:.3g}" if scale and not config.fit else ""
-        return f"{error}{advice}", {}, b""
-    not_promised = [f"{reason} ({detail})" for reason, detail in missed.items()]
-    return "", {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
-
-
-def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
-    """Return a closed mesh of about 400 faces in its body frame, sized by the config.
+def _check_output(folder: Path, *, fresh: bool) -> None:
+    """Check that a set may be written.
 
     Raises:
-        UnreadableError: it is not watertight.
+        RunDirectoryError: there is a set that may not be replaced.
+    """
+    if (folder / MANIFEST).exists():
+        if not fresh:
+            raise RunDirectoryError(
+                f"{folder} contains a shape set already; choose another --output, or replace an "
+                "imported set with --fresh"
+            )
+        if "imported" not in load_shape_set(folder).document:
+            raise RunDirectoryError(f"{folder} contains a set that was not imported: it is kept")
+
+
+def _import_all(
+    objects: Mapping[str, Path], config: ImportConfig, workers: int, progress: Progress
+) -> dict[str, "Imported"]:
+    """Import each object in a worker; return the answers by name, in the order of the objects."""
+    tasks = [
+        (path, replace(config, scale=config.scales.get(name, config.scale)))
+        for name, path in objects.items()
+    ]
+    answers: dict[int, Imported] = {}
+    for place, answer in run_in_workers(
+        import_in_worker, tasks, workers, name=lambda t: str(t[0]), ended=_worker_ended
+    ):
+        answers[place] = answer
+        progress(len(answers), len(tasks))
+    return {name: answers[place] for place, name in enumerate(objects)}
+
+
+Imported = tuple[str, dict[str, Any], bytes]
+"""Of one file: the reason it is refused or "", its entry in the manifest, and its record."""
+
+
+def import_in_worker(task: tuple[Path, ImportConfig]) -> Imported:
+    """Import one file in a process of its own, whose memory is then limited for good."""
+    _limit_memory()
+    with np.errstate(all="ignore"):  # its warnings are of a mesh that is refused
+        return import_one(task)
+
+
+@cache
+def _limit_memory() -> None:
+    with suppress(OSError, ValueError):  # not Linux, or the limit is lower already
+        mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (mapped + MOST_MEMORY, hard))
+
+
+def _worker_ended(text: str) -> Imported:
+    return f"no solid can be made of its surface, or too little memory is left: {text}", {}, b""
+
+
+def import_one(task: tuple[Path, ImportConfig]) -> Imported:
+    """Import one file.
+
+    Raises:
+        MiniTouchError: something failed that is not the file's fault; an OSError too.
+    """
+    path, config = task
+    try:
+        given = read_object(path)
+        closed = closed_mesh(given)
+        scale = _fitting(closed) if config.fit else config.scale
+        try:
+            entry, record = shape_of(closed, scale, config.density)
+        except soundness.UnsoundError as error:
+            advice = "" if config.fit else _advice(closed, config, error)
+            return f"{error}{advice}", {}, b""
+    except (UnreadableError, soundness.UnsoundError) as error:
+        return str(error), {}, b""
+    except MemoryError:
+        return f"it takes more than {MOST_MEMORY // GIB} GiB of memory", {}, b""
+    except (MiniTouchError, OSError):
+        raise
+    except Exception as error:  # a degenerate surface can fail in any step
+        return f"no solid can be made of its surface ({type(error).__name__})", {}, b""
+    sides = [round(side * scale, 6) for side in given.extents.tolist()]
+    return "", {"sides_m": sides, **entry}, record
+
+
+def shape_of(
+    closed: Mesh, scale: float, density: float | None = None
+) -> tuple[dict[str, Any], bytes]:
+    """Return the manifest's entry and the record of a closed mesh in its body frame.
+
+    Raises:
+        UnsoundError: it cannot be an object at this scale.
+    """
+    mesh = _sized(closed, scale)
+    missed: dict[soundness.Reason, str] = {}
+    soundness.check_mesh(mesh, missed.__setitem__)  # before CoACD, which takes long
+    volume = solid_moments(mesh).volume
+    low, high = (mass / volume for mass in soundness.LIMITS.mass)
+    density = density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
+    body = weighed(mesh, density)
+    measures = soundness.examine(body, missed.__setitem__)
+    soundness.check_usable(body, measures["poses"][0], missed.__setitem__)
+    not_promised = [f"{reason} ({detail})" for reason, detail in missed.items()]
+    return {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
+
+
+def _advice(closed: Mesh, config: ImportConfig, error: soundness.UnsoundError) -> str:
+    """Return a scale that is accepted, in words; "" where the size is not the reason.
+
+    A usual unit is preferred where the object is far too long or too short.
+    """
+    scale, said, (low, high) = config.scale, list[str](), LENGTH
+    units = [unit for unit in UNITS if low <= _length(closed) * unit <= high]
+    if low <= _length(closed) * scale <= high:
+        units = []
+    while error.factor and len(said) < MOST_TRIES:
+        scale = units.pop(0) if units else float(f"{scale * error.factor:.3g}")
+        try:
+            shape_of(closed, scale, config.density)
+        except soundness.UnsoundError as other:
+            error = other
+            said.append(f"with --scale {scale:g} {other}")
+        else:
+            return f"; accepted with --scale {scale:g}"
+    return "; ".join(["", "no accepted scale was found", *said[-2:]]) if said else ""
+
+
+def closed_mesh(mesh: Mesh) -> Mesh:
+    """Return a closed mesh of about 400 faces in its body frame, in the units of the file.
+
+    Raises:
+        UnreadableError: it is not the surface of a solid.
+    """
+    moved = in_body_frame(solids.simplified_solid(_solid_of(mesh), BUILD.faces))
+    low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)
+    spread = np.diag(solid_moments(moved).second)
+    if not ((low < 0.0) & (high > 0.0) & (spread > 0.0)).all():  # of a solid all three are true
+        raise UnreadableError(CROSSING)
+    return moved
+
+
+def _sized(closed: Mesh, scale: float) -> Mesh:
+    """Return a mesh on the grid of a record, ``scale`` m to a unit.
+
+    Raises:
         UnsoundError: it is too long or too short.
     """
-    solid = _solid_of(mesh)
-    if solid.volume() <= 0.0:
-        raise UnreadableError(NOT_WATERTIGHT)
-    moved = in_body_frame(solids.simplified_solid(solid, BUILD.faces))
-    factor = _fitting(moved) if config.fit else config.scale
-    longest, (low, high) = 2.0 * float(np.abs(moved.vertices).max()), LENGTH
-    if not low <= longest * factor <= high:
-        units = (unit / factor for unit in UNITS if low <= longest * unit <= high)
-        hull = solids.hull_of(moved.vertices)
-        excess = soundness.lying_excess(hull, rest_poses(hull)[0])
-        most = 0.99 * min(high / longest, 1.0 / excess if excess else math.inf)
-        nearest = float(np.clip(factor, SEEN_LENGTH / longest, most)) / factor
-        size = soundness.in_mm(longest * factor)
+    longest, (low, high) = _length(closed), LENGTH
+    if not low <= longest * scale <= high:
+        hull = _unit_hull(closed)
+        excess = longest * soundness.lying_excess(hull, rest_poses(hull)[0])
+        most = 0.99 * min(high / longest, 1.0 / excess)
+        nearest = float(np.clip(scale, SEEN_LENGTH / longest, most)) / scale
+        size = soundness.in_mm(longest * scale)
         found = f"{size}, not {low * 1000:.0f} to {soundness.in_mm(high, 0)}"
-        raise soundness.UnsoundError(soundness.Reason.SIZE, found, next(units, nearest))
-    mesh = Mesh(quantized(moved.vertices * factor), moved.faces)
+        raise soundness.UnsoundError(soundness.Reason.SIZE, found, nearest)
+    mesh = Mesh(quantized(closed.vertices * scale), closed.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
     cleaned = solids.to_mesh(solids.to_solid(mesh))
     if not len(cleaned.faces):
@@ -185,38 +319,72 @@ def prepared(mesh: Mesh, config: ImportConfig) -> Mesh:
     return Mesh(quantized(cleaned.vertices), cleaned.faces)
 
 
-def _fitting(mesh: Mesh) -> float:
-    """Return a factor that makes a mesh as wide as the hand can grip, or no wider as it lies."""
+def _length(closed: Mesh) -> float:
+    """Return twice the way from the center of mass to the farthest end."""
+    return 2.0 * float(np.abs(closed.vertices).max())
+
+
+def _unit_hull(closed: Mesh) -> Mesh:
+    """Return the hull of a mesh at a length of 1 m: what it can rest on is computed in m."""
+    return solids.hull_of(closed.vertices / _length(closed))
+
+
+def _fitting(closed: Mesh) -> float:
+    """Return the scale at which a mesh is as wide as the hand can grip, or no wider as it lies."""
+    hull = _unit_hull(closed)
     try:
-        return soundness.grip_scale(mesh, BUILD.width[1])
+        factor = soundness.grip_scale(hull, BUILD.width[1])
     except soundness.UnsoundError:
-        hull = solids.hull_of(mesh.vertices)
         height, across = soundness.height_and_width(hull, rest_poses(hull)[0])
-        return min(BUILD.width[1] / across, soundness.HIGHEST_PUSHED * 0.99 / height)
+        factor = min(BUILD.width[1] / across, soundness.HIGHEST_PUSHED * 0.99 / height)
+    return factor / _length(closed)
 
 
 def _solid_of(mesh: Mesh) -> solids.Solid:
     """Return the solid of a watertight mesh, as one body where its parts overlap or touch.
 
+    A part may be turned inward; inside another part that means a cavity.
+
     Raises:
-        UnreadableError: it is not watertight.
+        UnreadableError: it is not watertight, hollow, or of too many parts.
     """
     solid = solids.to_solid(mesh)
     if solid.is_empty():
         raise UnreadableError(NOT_WATERTIGHT)
-    if solid.volume() < 0.0:  # its faces are turned inward
-        return solids.to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-    parts = list(solid.decompose())
-    # A part of negative volume is a cavity, which a union would fill.
-    if len(parts) == 1 or any(part.volume() < 0.0 for part in parts):
-        return solid
-    # Grown by a thousandth on each side, hulls that only touch become one body.
-    middles = [np.array(part.bounding_box()).reshape(2, 3).mean(axis=0) for part in parts]
-    grown = [
-        part.translate((-middle).tolist()).scale([1.002] * 3).translate(middle.tolist())
-        for part, middle in zip(parts, middles, strict=True)
-    ]
-    return solids.union(grown)
+    parts = solid.decompose()
+    if len(parts) > MOST_PARTS:
+        raise UnreadableError(f"{len(parts)} separate surfaces, at most {MOST_PARTS}")
+    if solid.volume() < 0.0:
+        parts = [_turned(part) for part in parts]
+    bodies = [part for part in parts if part.volume() > 0.0]
+    inward = [_turned(part) for part in parts if part.volume() < 0.0]
+    if sum(part.volume() for part in (*bodies, *inward)) < FLAT * float(mesh.extents.max()) ** 3:
+        raise UnreadableError(NO_VOLUME)
+    whole, cavities = solids.union(bodies), 0.0
+    for part in inward:
+        if (part - whole).volume() < 0.001 * part.volume():
+            cavities += part.volume()
+        else:
+            bodies.append(part)
+    if len(bodies) > 1:
+        # Grown by a thousandth on each side, hulls that only touch become one body.
+        joined = solids.union([_grown(part, 1.002) for part in bodies]).decompose()
+        bodies = [part for part in joined if part.volume() > 0.0]
+        whole = solids.union(bodies)
+        cavities -= sum(part.volume() for part in joined if part.volume() < 0.0)
+    if cavities > MOST_HOLLOW * whole.volume():
+        raise UnreadableError(HOLLOW)
+    return whole
+
+
+def _turned(part: solids.Solid) -> solids.Solid:
+    mesh = solids.to_mesh(part)
+    return solids.to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+
+
+def _grown(part: solids.Solid, factor: float) -> solids.Solid:
+    middle = np.array(part.bounding_box()).reshape(2, 3).mean(axis=0)
+    return part.translate((-middle).tolist()).scale([factor] * 3).translate(middle.tolist())
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
@@ -231,119 +399,6 @@ def _plain_names(sources: Iterable[str]) -> list[str]:
             name = f"{stem}-{number}"
         names[name] = None
     return list(names)
-
-
-def find_objects(folder: Path) -> list[Path]:
-    """Return the object files below a folder, sorted, one for each object.
-
-    Raises:
-        UsageError: there are none.
-    """
-    if not folder.is_dir():
-        raise UsageError(f"{folder} is no folder")
-    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
-    claimed: set[Path] = set()
-    for path in files:
-        if path.suffix.lower() == ".urdf":
-            with suppress(UnreadableError):
-                meshes = _urdf_root(path).iter("mesh")
-                claimed.update(_named_file(path, mesh).resolve() for mesh in meshes)
-    objects = [path for path in files if path.resolve() not in claimed]
-    if not objects:
-        raise UsageError(f"{folder} contains no object: looked for {', '.join(SUFFIXES)}")
-    return objects
-
-
-def read_object(path: Path) -> Mesh:
-    """Return the mesh of one file in the file's units; a URDF's is its link's collision.
-
-    Raises:
-        UnreadableError: it is no mesh, too large, empty, or has vertices that are not finite.
-    """
-    meshes = _read_urdf(path) if path.suffix.lower() == ".urdf" else (_read_mesh(path),)
-    joined: Any = trimesh.util.append_faces(
-        [mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes]
-    )
-    if not np.isfinite(joined[0]).all():
-        raise UnreadableError(soundness.Reason.NOT_FINITE)
-    return Mesh(joined[0], joined[1].astype(np.int32))
-
-
-def _read_mesh(path: Path) -> Mesh:
-    """Return the mesh of an OBJ, STL or GLB file, each vertex once (STL repeats them)."""
-    try:
-        content = read_file(path, MOST_BYTES, follow=True)
-    except OSError as error:
-        raise UnreadableError(f"cannot be read: {error.strerror}") from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            # From memory: the materials and buffers that a file names are not opened.
-            kind = path.suffix.lower().lstrip(".")
-            loaded: Any = trimesh.load(
-                io.BytesIO(content), file_type=kind, force="mesh", process=False
-            )
-        vertices = np.asarray(loaded.vertices, dtype=np.float64)
-        faces = np.asarray(loaded.faces, dtype=np.int32)
-    except Exception as error:  # each parser of each format raises its own kinds
-        raise UnreadableError(f"no readable {path.suffix} file ({type(error).__name__})") from error
-    if len(faces) == 0 or vertices.ndim != 2:
-        raise UnreadableError("no faces in the file")
-    if len(faces) > MOST_FACES:
-        raise UnreadableError(f"more than {MOST_FACES} faces ({len(faces)})")
-    points, inverse = np.unique(vertices, axis=0, return_inverse=True)
-    faces = inverse.reshape(-1)[faces].astype(np.int32)
-    return Mesh(points, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
-
-
-def _read_urdf(path: Path) -> tuple[Mesh, ...]:
-    """Return the collision meshes of a URDF of one link, in the link's frame.
-
-    Raises:
-        UnreadableError: it is not a URDF of a single link made of meshes.
-    """
-    links = _urdf_root(path).findall("link")
-    if len(links) != 1:
-        raise UnreadableError(f"a URDF of {len(links)} links, not one")
-    kind = "visual" if links[0].find("collision/geometry/mesh") is None else "collision"
-    meshes = []
-    for element in links[0].findall(kind):
-        mesh, origin = element.find("geometry/mesh"), element.find("origin")
-        if mesh is None:
-            raise UnreadableError("a geometry of the URDF is not a mesh")
-        placed: Points = trimesh.transformations.compose_matrix(  # type: ignore[no-untyped-call]
-            scale=_three(mesh, "scale", "1 1 1"),
-            angles=_three(origin, "rpy", "0 0 0"),
-            translate=_three(origin, "xyz", "0 0 0"),
-        )
-        read = _read_mesh(_named_file(path, mesh))
-        meshes.append(Mesh(trimesh.transform_points(read.vertices, placed), read.faces))
-    if not meshes:
-        raise UnreadableError("the URDF names no mesh")
-    return tuple(meshes)
-
-
-def _urdf_root(path: Path) -> ElementTree.Element:
-    try:
-        text = read_file(path, MIB, follow=True).decode(errors="replace")
-        if re.search(r"<!(DOCTYPE|ENTITY)", text):
-            raise ElementTree.ParseError("entities are not read")
-        return ElementTree.fromstring(text)
-    except (OSError, ElementTree.ParseError) as error:
-        raise UnreadableError("no readable .urdf file") from error
-
-
-def _named_file(path: Path, mesh: ElementTree.Element) -> Path:
-    return path.parent / mesh.get("filename", "").removeprefix("package://")
-
-
-def _three(element: ElementTree.Element | None, key: str, default: str) -> tuple[float, ...]:
-    text = default if element is None else element.get(key, default)
-    try:
-        x, y, z = (float(part) for part in text.split())
-    except ValueError as error:
-        raise UnreadableError(f"the URDF's {key} is not three numbers") from error
-    return x, y, z
 
 
 def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:

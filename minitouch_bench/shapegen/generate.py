@@ -186,7 +186,8 @@ BUILD = BuildConfig()
 NEAR_COPIES = frozenset({(0, 244), (0, 743), (0, 772), (0, 919), (0, 991)})
 """Seed of the set and number of the shapes whose first sound draw is nearly another shape.
 
-``shapes check`` finds them once a set is whole; they take their next sound draw.
+``python -m benchmarks.shape_evidence`` found them in the whole set, as ``shapes check`` finds
+exact copies only; they take their next sound draw.
 """
 
 

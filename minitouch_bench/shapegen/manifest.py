@@ -60,9 +60,10 @@ class Shape(Struct, frozen=True, rename=KEYS):
     ``mass`` in kg, ``extents`` (its sides along its own axes) in m. ``poses``: the ways it lies
     on a table: the one in which the tasks lay it down, then the others, likeliest first; the
     height is that of the center of mass, which is the origin of its frame. ``digest`` is the
-    SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. ``not_promised``: what an
-    imported one lacks of the promises of the canonical set. The record is at ``offset`` in the file
-    ``pack``. The others are what ``soundness.examine`` says.
+    SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. An imported one has
+    ``not_promised``, what it lacks of the promises of the canonical set, and ``sides_m`` along the
+    axes of its file. The record is at ``offset`` in the file ``pack``. The others are what
+    ``soundness.examine`` says.
     """
 
     name: PlainName
@@ -87,6 +88,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
     offset: Count
     length: Count
     not_promised: tuple[str, ...] = ()
+    sides_m: tuple[float, float, float] | None = None
     pack: Path = Path()
 
     @property

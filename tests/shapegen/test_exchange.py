@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 import trimesh
 
+from minitouch_bench import processes
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.files import MIB
 from minitouch_bench.shapegen import exchange
-from minitouch_bench.shapegen.exchange import (
-    ImportConfig,
-    export,
-    find_objects,
-    import_objects,
-    import_one,
-    read_object,
-)
+from minitouch_bench.shapegen.check import check_set
+from minitouch_bench.shapegen.exchange import ImportConfig, export, import_objects, import_one
 from minitouch_bench.shapegen.manifest import load_shape_set
+from minitouch_bench.shapegen.mesh import Mesh
+from minitouch_bench.shapegen.object_files import find_objects, read_object
 from minitouch_bench.shapegen.solids import Solid, to_mesh
 from tests.shapegen.bodies import BLOCK
+from tests.shapegen.test_object_files import obj_of
 
 
 def refusal(path: Path, config: ImportConfig | None = None) -> str:
@@ -45,7 +44,7 @@ def test_a_urdf_brings_its_mesh_and_scale(tmp_path: Path) -> None:
         '<robot name="r"><link name="l"><collision><geometry><mesh filename="mesh.obj" '
         'scale="0.001 0.001 0.001"/></geometry></collision></link></robot>'
     )
-    assert find_objects(tmp_path) == [tmp_path / "thing.urdf"]
+    assert find_objects([tmp_path]) == {"thing.urdf": tmp_path / "thing.urdf"}
     assert refusal(tmp_path / "thing.urdf") == ""
 
 
@@ -98,11 +97,14 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     (given / "a").mkdir(parents=True)
     for file in files:
         block().export(str(given / file))
-    once = import_one((given / files[0], ImportConfig()))  # all hold the same block
-    answers = enumerate([once] * len(files))
-    monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: answers)
-    result = import_objects(given, folder, ImportConfig())
+    reason, entry, record = import_one((given / files[0], ImportConfig()))  # all are this block
+    answers = [(reason, {**entry, "not_promised": []}, record) for _ in files]
+    monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: enumerate(answers))
+    result = import_objects([given], folder, ImportConfig())
     assert result.accepted == len(files)
+    copies = [texts for texts in result.not_promised.values() if "same solid" in str(texts)]
+    assert len(copies) == len(files) - 1
+    assert check_set(load_shape_set(folder), quick=True) == ()
     names = {entry["source"]: entry["name"] for entry in load_shape_set(folder).document["shapes"]}
     assert names.keys() == set(files)
     assert len(set(names.values())) == len(files)
@@ -126,13 +128,13 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
     urdf += "</collision></link></robot>"
     (given / "single.urdf").write_text(urdf % ("gone.stl", "0.001"))
-    (given / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))  # a mesh, if of itself
+    (given / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
     (given / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
-    result = import_objects(given, folder, ImportConfig())
+    result = import_objects([given], folder, ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
         "nan.obj", "text.obj", "empty.stl", "huge.stl", "bomb.urdf", "single.urdf", "outer.urdf",
-        "film.stl", "dust.stl", "grain.stl",
+        "loop.urdf", "film.stl", "dust.stl", "grain.stl",
     }  # fmt: skip
     assert "not a finite number" in result.refused["nan.obj"]
     assert "too thin" in result.refused["film.stl"]
@@ -143,7 +145,7 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     assert shapes.shapes[0].name == "good"
     assert shapes.document["refused"] == result.refused
     with pytest.raises(RunDirectoryError, match="already"):
-        import_objects(given, folder, ImportConfig())
+        import_objects([given], folder, ImportConfig())
 
 
 def test_too_many_faces_are_refused_before_coacd(tmp_path: Path, monkeypatch) -> None:
@@ -172,17 +174,132 @@ def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Pat
         assert refusal(tmp_path / f"{name}.stl", ImportConfig(fit=True)) == ""
 
 
+def test_no_scale_is_named_where_none_was_accepted(tmp_path: Path) -> None:
+    """A rod that is long enough to be seen is too long for the hand's place."""
+    trimesh.creation.cylinder(2.0, 150.0, sections=12).export(str(tmp_path / "rod.stl"))
+    said = refusal(tmp_path / "rod.stl")
+    assert "accepted with" not in said
+    assert "no accepted scale" in said
+
+
+def test_a_usual_unit_is_named_first(tmp_path: Path) -> None:
+    block(3.0, 2.0, 2.0).export(str(tmp_path / "inches.stl"))
+    assert "accepted with --scale 0.0254" in refusal(tmp_path / "inches.stl")
+
+
+def turned_inward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    mesh.invert()
+    return mesh
+
+
+def moved(mesh: trimesh.Trimesh, *offset: float) -> trimesh.Trimesh:
+    mesh.apply_translation(offset)
+    return mesh
+
+
+def written(path: Path, *meshes: trimesh.Trimesh) -> Path:
+    trimesh.util.concatenate(meshes).export(str(path))
+    return path
+
+
+def test_a_cavity_is_named_whatever_way_the_faces_are_turned(tmp_path: Path) -> None:
+    outer, inner = block(0.06, 0.05, 0.05), turned_inward(block(0.04, 0.03, 0.03))
+    assert "hollow" in refusal(written(tmp_path / "box.stl", outer, inner))
+    both = [turned_inward(outer), turned_inward(inner)]
+    assert "hollow" in refusal(written(tmp_path / "inside_out.stl", *both))
+    sides = np.roll([0.004, 0.06, 0.06], 1), np.roll([0.004, 0.06, 0.06], 2), (0.004, 0.06, 0.06)
+    walls = [
+        moved(block(*side), *(sign * 0.028 * (np.array(side) < 0.005)))
+        for side in sides
+        for sign in (-1.0, 1.0)
+    ]
+    assert "hollow" in refusal(written(tmp_path / "walls.stl", *walls))
+
+
+def test_a_part_turned_inward_that_is_inside_no_other_is_a_part(tmp_path: Path) -> None:
+    left = moved(block(0.04, 0.05, 0.06), -0.019, 0.0, 0.0)
+    right = turned_inward(moved(block(0.04, 0.05, 0.06), 0.019, 0.0, 0.0))
+    reason, entry, _ = import_one((written(tmp_path / "pair.stl", left, right), ImportConfig()))
+    assert reason == ""
+    assert entry["volume_m3"] == pytest.approx(0.078 * 0.05 * 0.06, rel=0.01)
+    apart = written(tmp_path / "apart.stl", left, moved(right, 0.01, 0.0, 0.0))
+    assert "more than one body" in refusal(apart)
+
+
+def test_what_is_no_solid_is_refused_with_the_reason(tmp_path: Path) -> None:
+    """Each of them once ended the import of all, or had a size of a billion meters."""
+    crossing = block(0.06, 0.05, 0.04)
+    crossing.vertices[[0, 7]] = crossing.vertices[[7, 0]]
+    needle = block(0.06, 0.05, 0.04)
+    needle.vertices *= [1.0, 1e-6, 1e-6]
+    huge = Mesh(np.array(block().vertices) * 1e160, np.array(block().faces))
+    reasons = {"crossing": "cross", "needle": "no volume", "huge": "no solid"}
+    for name, mesh in {"crossing": crossing, "needle": needle, "huge": huge}.items():
+        path = tmp_path / f"{name}.obj"
+        path.write_text(obj_of(mesh))
+        with np.errstate(all="ignore"):
+            assert reasons[name] in refusal(path)
+            assert reasons[name] in refusal(path, ImportConfig(fit=True))
+
+
+def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = tmp_path / "given"
+    given.mkdir()
+    for name in ("dies", "good"):
+        block().export(str(given / f"{name}.stl"))
+    trimesh.creation.icosphere(6, 0.03).export(str(given / "large.stl"))
+    real = exchange.import_in_worker
+
+    def import_or_die(task: tuple[Path, ImportConfig]) -> object:
+        if task[0].stem == "dies":
+            os.abort()
+        if task[0].stem == "large":
+            exchange._limit_memory.cache_clear()
+            exchange.MOST_MEMORY = MIB
+        return real(task)
+
+    monkeypatch.setattr(processes, "MAX_ATTEMPTS", 1)
+    monkeypatch.setattr(exchange, "import_in_worker", import_or_die)
+    result = import_objects([given], tmp_path / "set", ImportConfig())
+    assert [*result.not_promised] == ["good.stl"]
+    assert "exit code" in result.refused["dies.stl"]
+    assert "memory" in result.refused["large.stl"]
+
+
+def test_one_file_may_have_another_unit(tmp_path: Path) -> None:
+    given = tmp_path / "given"
+    given.mkdir()
+    block().export(str(given / "meters.stl"))
+    bracket = moved(block(60.0, 20.0, 8.0), 0.0, 0.0, 0.0), moved(block(8, 20, 60), -26, 0, 26)
+    written(given / "bracket.stl", *bracket)
+    with pytest.raises(UsageError, match="brackets"):
+        import_objects([given], tmp_path / "set", ImportConfig(scales={"brackets.stl": 0.001}))
+    config = ImportConfig(scales={"bracket.stl": 0.001})
+    assert import_objects([given], tmp_path / "set", config).refused == {}
+    shapes = load_shape_set(tmp_path / "set")
+    assert shapes.by_name("bracket").sides_m == pytest.approx((0.06, 0.02, 0.06))
+    assert shapes.document["imported"]["scales"] == config.scales
+
+
+def test_only_an_imported_set_is_replaced(tmp_path: Path, small_set: Path) -> None:
+    folder = tmp_path / "mine"
+    for name in ("one", "two"):
+        block().export(str(tmp_path / f"{name}.stl"))
+        import_objects([tmp_path / f"{name}.stl"], folder, ImportConfig(), fresh=True)
+        assert [shape.name for shape in load_shape_set(folder).shapes] == [name]
+    with pytest.raises(RunDirectoryError, match="--fresh"):
+        import_objects([tmp_path / "one.stl"], folder, ImportConfig())
+    with pytest.raises(RunDirectoryError, match="not imported"):
+        import_objects([tmp_path / "one.stl"], small_set, ImportConfig(), fresh=True)
+    assert len(load_shape_set(small_set).shapes) == 16
+
+
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_scale_is_above_0(scale: float) -> None:
     with pytest.raises(UsageError, match="--scale is a number above 0"):
         ImportConfig(scale=scale)
-
-
-def test_an_empty_folder_and_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="contains no object"):
-        find_objects(tmp_path)
-    with pytest.raises(UsageError, match="is no folder"):
-        find_objects(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize(("form", "files"), [("urdf", 3), ("obj", 1)])
