@@ -15,7 +15,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run
 from tests.archives import zipped
-from tests.commands.command import finish, run, same_results, start, wait_for_records
+from tests.commands.command import finish, run, run_installed, same_results, start, wait_for_records
 from tests.commands.conftest import SCRIPTED
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
@@ -135,6 +135,16 @@ def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
     for file in ("run.json", "report.html"):
         assert "NaN" in (tmp_path / "run" / file).read_text()
     assert '"act_timeout_s": 7.5' in (tmp_path / "run" / "run.json").read_text()
+
+
+@pytest.mark.parametrize("isolation", ["none", "process"])
+def test_a_policy_that_ends_its_program_is_at_fault(tmp_path, isolation):
+    options = (*ONE, "--trust", "--isolation", isolation, "--output", "run")
+    done = run_installed("evaluate", "misbehaved:Quits", *options, directory=tmp_path)
+    assert done.code == 4, done.err
+    assert read_run(tmp_path / "run").faults.keys() == {"pushing/0"}
+    unloaded = run_installed("evaluate", "misbehaved:quit_at_once", *options, directory=tmp_path)
+    unloaded.refused(3, "quit_at_once")
 
 
 def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):

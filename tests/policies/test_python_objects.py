@@ -6,7 +6,7 @@ import sys
 import pytest
 import torch
 
-from minitouch_bench.errors import PolicyFaultError, PolicyRaisedError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object, make_policy
@@ -57,6 +57,70 @@ def test_a_fault_names_the_line_of_the_policy_at_every_level(tmp_path, monkeypat
                     policy.act(observation)
                 said.append(str(caught.value))
         assert said == FAULTS
+
+
+class Unspeakable(BaseException):
+    __str__ = sys.exit
+
+
+class Ending:
+    """Raises at one place."""
+
+    def __init__(self, place, error):
+        self.place, self.error = place, error
+        self.end("made")
+
+    def end(self, place):
+        if place == self.place:
+            raise self.error
+
+    def __getstate__(self):
+        self.end("pickled")
+        return vars(self)
+
+    def __setstate__(self, state):
+        vars(self).update(state)
+        self.end("loaded")
+
+    def reset(self, seed, task):
+        self.end("reset")
+
+    def act(self, observation):
+        self.end("act")
+        return self if self.place == "array" else [0.0] * 4
+
+    def __array__(self, *_, **__):
+        self.end("array")
+
+    def close(self):
+        self.end("close")
+
+
+@pytest.mark.parametrize("error", [SystemExit, GeneratorExit, StopIteration, Unspeakable])
+def test_what_would_end_the_program_is_a_fault_beside_the_simulator(error, observation):
+    def play(place):
+        with contextlib.closing(isolate(keep_in_memory(Ending(place, error)))) as policy:
+            policy.reset(0, "pushing")
+            return policy.act(observation).tolist()
+
+    for place in ("pickled", "loaded"):
+        with pytest.raises(PolicyLoadError):
+            play(place)
+    for place in ("reset", "act", "array"):
+        with pytest.raises(PolicyFaultError):
+            play(place)
+    assert play("close") == [0.0] * 4
+
+
+@pytest.mark.parametrize("place", ["pickled", "loaded", "reset", "act"])
+def test_ctrl_c_is_not_a_fault_of_the_policy(place, observation):
+    def play():
+        policy = isolate(keep_in_memory(Ending(place, KeyboardInterrupt)))
+        policy.reset(0, "pushing")
+        policy.act(observation)
+
+    with pytest.raises(KeyboardInterrupt):
+        play()
 
 
 class Narrow(torch.nn.Module):
