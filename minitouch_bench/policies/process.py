@@ -312,7 +312,8 @@ class InProcessPolicy:
         if FORMATS[part.kind].suffixes:
             part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
-        self._policy = policy.load_policy(part)
+        with contextlib.redirect_stdout(sys.stderr):
+            self._policy = policy.load_policy(part)
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
@@ -336,9 +337,13 @@ class InProcessPolicy:
 
 @contextlib.contextmanager
 def _own_faults() -> Iterator[None]:
-    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too."""
+    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
+
+    What it prints goes to standard error: standard output is for the results.
+    """
     try:
-        yield
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
     except (errors.PolicyFaultError, KeyboardInterrupt):
         raise
     except BaseException as error:

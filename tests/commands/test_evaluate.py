@@ -147,6 +147,13 @@ def test_a_policy_that_ends_its_program_is_at_fault(tmp_path, isolation):
     unloaded.refused(3, "quit_at_once")
 
 
+def test_what_a_policy_prints_is_apart_from_the_results(tmp_path):
+    options = (*ONE, "--trust", "--isolation", "none", "--output", "run", "--json")
+    done = run_installed("evaluate", "misbehaved:Talks", *options, directory=tmp_path)
+    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
+    assert {"made", "begun", "acting", "ended"} <= {*done.err.split()}
+
+
 def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):
     options = ("--trust", "--isolation", "process", *ONE, "--output", "run")
     done = run("evaluate", "misbehaved:Greedy", *options, directory=tmp_path)

@@ -87,6 +87,25 @@ def quit_at_once():
     sys.exit()
 
 
+class Talks(Still):
+    """Prints whenever it is called, in an episode past Python, too."""
+
+    def __init__(self):
+        print("made")
+
+    def reset(self, seed, task):
+        print("begun")
+
+    def act(self, observation):
+        print("acting")
+        if observation["touch"].any():  # it is no trial
+            os.write(1, b"acting\n")
+        return super().act(observation)
+
+    def close(self):
+        print("ended")
+
+
 class ReadsItsRun(Still):
     """Reads what the run knows of earlier episodes; it lies in the working directory."""
 
