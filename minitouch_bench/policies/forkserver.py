@@ -264,7 +264,8 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             raise
         except BaseException as error:
             kind = wire.Frame.RAISED
-            if request is wire.Frame.LOAD and isinstance(error, errors.MiniTouchError):
+            refusals = errors.PolicyLoadError, errors.MissingExtraError
+            if request is not wire.Frame.ACT and isinstance(error, refusals):
                 kind = wire.Frame.REFUSED
             elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID

@@ -23,6 +23,7 @@ from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import SANDBOXED, Isolation, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -225,7 +226,7 @@ class PolicyProcess:
         text = errors.plain_line(
             payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
         )
-        if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
+        if kind is wire.Frame.REFUSED and request is not wire.Frame.ACT:
             is_confined_factory = self._host is not None and self._host.setup.factory
             self._stop(0.0)
             if is_confined_factory and "PermissionError" in text:
@@ -331,7 +332,7 @@ class InProcessPolicy:
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
         ended, self._policy = self._policy, None
-        with contextlib.suppress(errors.PolicyFaultError), _own_faults():
+        with contextlib.suppress(errors.PolicyError), _own_faults():
             policy.close_policy(ended)
 
 
@@ -344,7 +345,7 @@ def _own_faults() -> Iterator[None]:
     try:
         with contextlib.redirect_stdout(sys.stderr):
             yield
-    except (errors.PolicyFaultError, KeyboardInterrupt):
+    except (errors.PolicyError, KeyboardInterrupt):
         raise
     except BaseException as error:
         raise errors.PolicyRaisedError(errors.describe(error)) from error
@@ -379,6 +380,9 @@ def try_policy(
 ) -> tuple[str, ...]:
     """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
 
+    One that serves several tasks is tried in that of the largest forces: a model of smaller ones
+    is refused there.
+
     Returns:
         What loaders warn of, one line each.
 
@@ -392,8 +396,9 @@ def try_policy(
         return ()
     warnings, felt = [], policy.zero_observation()
     felt["touch"] = np.ones_like(felt["touch"])
+    hardest = max(tasks, key=lambda task: PROTOCOL.task(task).force_limit)
     with _kept_generators(), contextlib.closing(isolate(source, options)) as tried:
-        for task in tasks if source.parts else tasks[:1]:
+        for task in tasks if source.parts else [hardest]:
             try:
                 tried.reset(0, task)
             except errors.PolicyFaultError as fault:
