@@ -58,7 +58,7 @@ class PolicyProcess:
         self._files: dict[str, IO[bytes]] = {}  # checkpoints as they were read first, by digest
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
-        self.warning = self.target = ""
+        self.warning = self.target = self._kind = ""
         self._size = 0
         self._end_grace_s = self._left_s = 0.0
 
@@ -77,12 +77,13 @@ class PolicyProcess:
             IsolationError: this machine has no sandbox to hold it in.
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
+            ServerUnreachableError: there is no connection to the policy server.
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
         policy.check_permitted(part, self._options.level, trust=self._options.trust)
         self._end_episode()
-        self.target, self._size = part.target, policy.action_size(task)
+        self.target, self._kind, self._size = part.target, part.kind, policy.action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(part, wire.StartOrder(replace(part, content=b""), task, seed))
@@ -108,6 +109,7 @@ class PolicyProcess:
             PolicyKilledError: the child was killed from outside.
             OutOfMemoryError: the same, while it used much memory.
             PolicyRaisedError: the policy's code raised; the text has type and message.
+            ServerUnreachableError: there is no connection to the policy server.
             InfrastructureError: the host process ended.
         """
         limit_s = self._limits.act_timeout_s
@@ -237,6 +239,10 @@ class PolicyProcess:
         if kind is wire.Frame.RAISED:
             self._stop(self._end_grace_s)
             raise errors.PolicyRaisedError(text)
+        unreachable = errors.ServerUnreachableError(text)
+        if kind is wire.Frame.UNREACHABLE and policy.is_unreachable(self._kind, unreachable):
+            self._stop(0.0)
+            raise unreachable
         self._break_off(wire.WireError(f"{kind.name} is not an answer to {request.name}"))
 
     def _break_off(self, error: wire.WireError) -> NoReturn:
@@ -318,7 +324,7 @@ class InProcessPolicy:
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
-        with _own_faults():
+        with _own_faults(part.kind):
             self.warning = policy.warning_of(self._policy)
             self._policy.reset(seed, task)
 
@@ -326,18 +332,18 @@ class InProcessPolicy:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}
-        with _own_faults():
+        with _own_faults(self._source.kind):
             return fit_action(self._policy.act(copied), self._size)
 
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
         ended, self._policy = self._policy, None
-        with contextlib.suppress(errors.PolicyError), _own_faults():
+        with contextlib.suppress(errors.MiniTouchError), _own_faults(self._source.kind):
             policy.close_policy(ended)
 
 
 @contextlib.contextmanager
-def _own_faults() -> Iterator[None]:
+def _own_faults(kind: str) -> Iterator[None]:
     """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
 
     What it prints goes to standard error: standard output is for the results.
@@ -348,6 +354,8 @@ def _own_faults() -> Iterator[None]:
     except (errors.PolicyError, KeyboardInterrupt):
         raise
     except BaseException as error:
+        if policy.is_unreachable(kind, error):
+            raise
         raise errors.PolicyRaisedError(errors.describe(error)) from error
 
 
@@ -403,6 +411,8 @@ def try_policy(
                 tried.reset(0, task)
             except errors.PolicyFaultError as fault:
                 raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
+            except errors.ServerUnreachableError as error:
+                raise errors.PolicyLoadError(str(error)) from error
             with contextlib.suppress(errors.PolicyFaultError):
                 tried.act(policy.zero_observation())
                 remembers = policy.TO_REMEMBER in tried.warning and not np.array_equal(

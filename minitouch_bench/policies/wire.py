@@ -67,6 +67,8 @@ class Frame(IntEnum):
     """To ACT; or INVALID, where the policy gave no valid action, or RAISED."""
     RAISED = 10
     INVALID = 11
+    UNREACHABLE = 12
+    """To any request, of the client of a policy server."""
 
 
 class WireError(Exception):

@@ -6,7 +6,12 @@ import sys
 import pytest
 import torch
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, PolicyRaisedError
+from minitouch_bench.errors import (
+    PolicyFaultError,
+    PolicyLoadError,
+    PolicyRaisedError,
+    ServerUnreachableError,
+)
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object, make_policy
@@ -63,6 +68,9 @@ class Unspeakable(BaseException):
     __str__ = sys.exit
 
 
+ENDS = [SystemExit, GeneratorExit, StopIteration, Unspeakable, ServerUnreachableError]
+
+
 class Ending:
     """Raises at one place."""
 
@@ -96,7 +104,7 @@ class Ending:
         self.end("close")
 
 
-@pytest.mark.parametrize("error", [SystemExit, GeneratorExit, StopIteration, Unspeakable])
+@pytest.mark.parametrize("error", ENDS)
 def test_what_would_end_the_program_is_a_fault_beside_the_simulator(error, observation):
     def play(place):
         with contextlib.closing(isolate(keep_in_memory(Ending(place, error)))) as policy:
