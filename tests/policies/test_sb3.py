@@ -231,6 +231,15 @@ def test_a_policy_with_a_state_keeps_it_for_the_episode(observation):
         assert [policy.act(observation)[0] for _ in range(3)] == [0, 1, 2]
 
 
+def test_a_model_that_is_loaded_again_is_the_same_policy(tmp_path):
+    small = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
+    model = make("PPO", **small).learn(8)
+    model.save(file := tmp_path / "policy.zip")
+    digests = {keep_in_memory(stable_baselines3.PPO.load(file)).digest for _ in range(2)}
+    assert len(digests) == 1
+    assert keep_in_memory(make("PPO", **small)).digest not in digests
+
+
 def test_a_model_of_stacked_frames_acts_as_it_does_in_its_training():
     from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
