@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from minitouch_bench import files
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, PolicyIdentity, Trace
@@ -18,7 +19,8 @@ from minitouch_bench.errors import RunDirectoryError, plain_line
 from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
+from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.runs.actions import check_actions, pack_arrays, unpack_arrays
 from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
 from minitouch_bench.runs.run import RunHeader
 
@@ -30,6 +32,9 @@ LINE_UNIT = 16 * files.KIB
 
 CONSEQUENCES = {"task_digests", "official", "unofficial_because"}
 """Facts of a header that follow from its others."""
+
+LARGEST_NUMBER = 1e6
+"""No number of a trace is as large, in whatever unit."""
 
 ARRAYS = tuple(field.name for field in fields(Trace) if field.name != "first_touch_tick")
 
@@ -94,9 +99,12 @@ class Journal:
             raise RunDirectoryError(
                 f"{directory} was begun with other packages, which --resume needs: {differences}"
             )
-        records = [_parse_record(line, str(path)) for line in others if line is not None]
-        found = {record.spec: record for record in records}
-        journal.records = {spec: found[spec] for spec in header.specs() if spec in found}
+        lines = (read_json(line, _EpisodeLine, str(path)) for line in others if line is not None)
+        planned = frozenset(header.specs())
+        found = {line.spec: line for line in lines if line.spec in planned}
+        journal.records = {
+            spec: _unpack(found[spec], str(path)) for spec in header.specs() if spec in found
+        }
         return journal
 
     def keep(self, record: PlayedEpisode) -> None:
@@ -139,14 +147,39 @@ def _content(line: bytes) -> bytes | None:
     return text if line[:9] == b"%08x " % zlib.crc32(text) else None
 
 
-def _parse_record(line: bytes, name: str) -> PlayedEpisode:
-    stored = read_json(line, _EpisodeLine, name)
+def _unpack(stored: _EpisodeLine, name: str) -> PlayedEpisode:
     try:
         arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
         trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
+        _check_trace(trace, stored.spec)
     except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
         raise RunDirectoryError(f"{name} is damaged: {error}") from error
     return PlayedEpisode(stored.spec, stored.outcome, trace, stored.fault)
+
+
+def _check_trace(trace: Trace, spec: EpisodeSpec) -> None:
+    """Refuse what is not the trace of such an episode.
+
+    Raises:
+        ValueError: an array has another type or shape, or numbers that nothing measures.
+    """
+    check_actions(spec.key, trace.actions, spec.task)
+    steps, place = len(trace.actions), 3 if PROTOCOL.task(spec.task).default_objects else 1
+    forms = {
+        "clipped": (np.bool_, (steps,)),
+        "rewards": (np.float32, (steps,)),
+        "touch": (np.float32, (steps + 1, PROTOCOL.observation.touch_size)),
+        "object_state": (np.float64, (steps + 1, place)),
+        **dict.fromkeys(("ticks", "contact_ticks", "onsets"), (np.int16, (steps,))),
+    }
+    for name, (dtype, shape) in forms.items():
+        array = getattr(trace, name)
+        is_formed = array.dtype == dtype and array.shape == shape
+        if not is_formed or not (np.abs(array) < LARGEST_NUMBER).all():
+            raise ValueError(f"{spec.key} has other {name} than an episode of {spec.task}")
+    counted = np.concatenate((trace.ticks, trace.contact_ticks, trace.onsets))
+    if counted.min(initial=0) < 0 or not -1 <= trace.first_touch_tick <= trace.ticks.sum():
+        raise ValueError(f"{spec.key} has other ticks than an episode")
 
 
 def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:

@@ -5,9 +5,11 @@ import resource
 import subprocess
 import sys
 import time
+import tracemalloc
 import zlib
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
@@ -87,6 +89,46 @@ def test_a_whole_line_of_damaged_arrays_is_refused(path):
     path.write_bytes(first + b"\n%08x " % zlib.crc32(text) + text)
     with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged"):
         resumed(path.parent)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        lambda trace: {"rewards": trace.rewards[1:]},
+        lambda trace: {"touch": trace.touch[:, :5]},
+        lambda trace: {"touch": trace.touch * np.float32(np.nan)},
+        lambda trace: {"object_state": trace.object_state + 1e300},
+        lambda trace: {"object_state": trace.object_state[0]},
+        lambda trace: {"ticks": trace.ticks - np.int16(200)},
+        lambda trace: {"onsets": trace.onsets.astype("U5")},
+        lambda trace: {"clipped": trace.clipped.astype(float)},
+        lambda trace: {"actions": trace.actions[:, :3]},
+        lambda trace: {"first_touch_tick": 2**70},
+        lambda trace: {"first_touch_tick": -2},
+    ],
+)
+def test_what_is_not_the_trace_of_an_episode_is_refused(tmp_path, changes):
+    journal = Journal.begin(HEADER, PACKAGES, tmp_path)
+    trace = RECORDS[0].trace
+    journal.keep(replace(RECORDS[0], trace=replace(trace, **changes(trace))))
+    with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged"):
+        resumed(tmp_path)
+
+
+def test_only_planned_episodes_are_unpacked(tmp_path):
+    journal = Journal.begin(HEADER, PACKAGES, tmp_path)
+    large = replace(RECORDS[0].trace, touch=np.zeros((2**12, 11), np.float32))
+    for index in range(50):
+        other = replace(SPECS[0], index=1000 + index)
+        journal.keep(replace(RECORDS[0], spec=other, trace=large))
+    journal.keep(RECORDS[0])
+    size = large.touch.nbytes
+    tracemalloc.start()
+    try:
+        assert [*resumed(tmp_path).records] == [SPECS[0]]
+        assert tracemalloc.get_traced_memory()[1] < 20 * size
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("content", [b"", b"00000000 {}", b"\xff" * 100])
