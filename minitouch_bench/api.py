@@ -18,7 +18,13 @@ from minitouch_bench.comparison.comparison import (
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
-from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
+from minitouch_bench.evaluation.execution import (
+    default_directory,
+    header_of,
+    open_run,
+    play,
+    resumable,
+)
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import StrPath, Words, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
@@ -131,7 +137,7 @@ def evaluate(
     header = header_of(setup)
     directory = None if output is None else Path(output)
     if output == AUTO_OUTPUT:
-        directory = files.REPORTS / run_name(header)
+        directory = default_directory(header)
     with (
         showing,
         opening as running,

@@ -22,7 +22,7 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.actions import check_actions, pack_arrays, unpack_arrays
 from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
-from minitouch_bench.runs.run import RunHeader
+from minitouch_bench.runs.run import RunHeader, read_run
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
@@ -89,11 +89,7 @@ class Journal:
                 packages; the text names the differences.
         """
         path, journal = directory / files.JOURNAL_FILE, cls(header, directory)
-        with files.os_errors_as(RunDirectoryError, path, "read"):
-            first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
-        if first is None:
-            raise RunDirectoryError(f"{path} has no header")
-        stored = read_json(first, _FirstLine, str(path))
+        stored, others = _read(path)
         check_same(header, stored.header, directory)
         if differences := compare_versions(stored.packages, packages):
             raise RunDirectoryError(
@@ -133,6 +129,26 @@ class Journal:
             path = self.directory / files.JOURNAL_FILE
             with files.os_errors_as(RunDirectoryError, path, "removed"):
                 path.unlink(missing_ok=True)
+
+
+def read_header(directory: Path) -> RunHeader:
+    """Return the header of the run in a directory, finished or not.
+
+    Raises:
+        RunDirectoryError: there is no run, or it is damaged.
+    """
+    if (directory / files.RUN_FILE).exists():
+        return read_run(directory).header
+    return _read(directory / files.JOURNAL_FILE)[0].header
+
+
+def _read(path: Path) -> tuple[_FirstLine, list[bytes | None]]:
+    """Return a journal's first line, and the contents of its others, None of a damaged one."""
+    with files.os_errors_as(RunDirectoryError, path, "read"):
+        first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
+    if first is None:
+        raise RunDirectoryError(f"{path} has no header")
+    return read_json(first, _FirstLine, str(path)), others
 
 
 def _as_line(document: object, unit: int = 1) -> bytes:
