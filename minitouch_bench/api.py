@@ -18,11 +18,18 @@ from minitouch_bench.comparison.comparison import (
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
-from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
+from minitouch_bench.evaluation.execution import (
+    default_directory,
+    header_of,
+    open_run,
+    play,
+    resumable,
+)
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import StrPath, Words, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
+from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
@@ -105,6 +112,11 @@ def evaluate(
         raise UsageError("video and replays are 0 or more")
     if progress and callbacks is not SILENT:
         raise UsageError("progress shows what callbacks are told: give one of them")
+    if isinstance(exploration, str) and exploration in BUILT_IN:
+        raise UsageError(
+            f"--exploration is a policy that a training has explored with, which '{exploration}' "
+            "is not: leave it out"
+        )
     if video:
         require_video()
     opening = open_engine(engine, workers, address)
@@ -129,7 +141,7 @@ def evaluate(
     header = header_of(setup)
     directory = None if output is None else Path(output)
     if output == AUTO_OUTPUT:
-        directory = files.REPORTS / run_name(header)
+        directory = default_directory(header)
     with (
         showing,
         opening as running,

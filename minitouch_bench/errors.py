@@ -14,7 +14,8 @@
     │       ├── PolicyExitError         its process ended
     │       └── PolicyRaisedError       its code raised
     ├── InfrastructureError         5   a worker died, a file could not be written
-    │   └── PolicyKilledError       5   a policy's process was killed from outside
+    │   ├── PolicyKilledError       5   a policy's process was killed from outside
+    │   └── ServerUnreachableError  5   no connection to a policy server
     ├── CheckpointChangedError      5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── OutOfMemoryError            5   a policy's process was killed while it used much memory
@@ -99,6 +100,10 @@ class InfrastructureError(MiniTouchError):
 
 class PolicyKilledError(InfrastructureError):
     """The policy's process was killed by a SIGKILL that was not ours, as where memory ran out."""
+
+
+class ServerUnreachableError(InfrastructureError):
+    """No connection to a policy server can be made."""
 
 
 class CheckpointChangedError(MiniTouchError):
@@ -197,7 +202,9 @@ def describe(error: BaseException) -> str:
     """
     try:
         message = str(error)
-    except Exception:  # an exception of the policy's own can fail here too
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # an exception of the policy's own can fail here too
         message = ""
     name, place = type(error).__name__, own_place(error)
     return plain_line(f"{name}: {message}" if message else name, MAX_TEXT - len(place)) + place

@@ -221,9 +221,12 @@ class _Worker(Generic[Job, Result]):
             self.connection, theirs = Pipe()
             command = [sys.executable, "-P", "-c", START, str(theirs.fileno()), str(os.getpid())]
             with theirs, interrupts_held():
-                environment = {**os.environ, **ARITHMETIC}
                 self.process = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),), env=environment
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=2,  # as standard error: standard output is for the parent's results
+                    pass_fds=(theirs.fileno(),),
+                    env={**os.environ, **ARITHMETIC},
                 )
             self.sentinel = watch(self.process.pid)
         except (OSError, RuntimeError) as error:  # too many files or threads, or no memory

@@ -74,7 +74,8 @@ def evaluate(
         output_option(
             metavar="DIR",
             help="Directory of the run; by default reports/POLICY-SUITE and what differs from the "
-            "suite, as in reports/hac-table4-pick-up-10-episodes.",
+            "suite, as in reports/hac-table4-pick-up-10-episodes. Where a policy of another format "
+            "has this directory, its name has the format, as in reports/hac-onnx-table4.",
         ),
     ] = None,
     video: Annotated[

@@ -13,7 +13,7 @@ from minitouch_bench.cli.options import output_option
 from minitouch_bench.episode import PolicyIdentity
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import AUTO
-from minitouch_bench.files import REPORTS, append_bytes, lock_directory, write_file
+from minitouch_bench.files import append_bytes, lock_directory, write_file
 from minitouch_bench.policies.policy import SANDBOXED, Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 
@@ -113,7 +113,13 @@ def regress(
     from minitouch_bench.comparison import gate, gate_report, pairing
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
+    from minitouch_bench.evaluation.execution import (
+        default_directory,
+        header_of,
+        open_run,
+        play,
+        resumable,
+    )
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.reporting.report import write_views
     from minitouch_bench.runs.run import Run, read_run
@@ -136,7 +142,7 @@ def regress(
         setup = prepare_policies(policy, plan, isolated, note)
         header = header_of(setup)
         gate.refuse_other_rules(before, header)
-        directory = output or REPORTS / f"{run_name(header)}-regress"
+        directory = output or default_directory(header, "-regress")
         _refuse_same_directory(directory, before.directory)
         with episode_progress() as callbacks, opening as running, lock_directory(directory):
             opened = open_run(header, directory, resume=resume, fresh=fresh)

@@ -12,6 +12,7 @@ import typer
 from minitouch_bench import errors
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
+from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.policies.policy import Isolation, isolation_options
 
@@ -65,6 +66,15 @@ def verify(
     found = replay_check.Findings(check_run(opened))
     setup = None
     if rerun and found.passed:
+        if exploration is not None and opened.header.exploration is None:
+            raise errors.UsageError(
+                f"--exploration: {run} has no exploration episodes; leave it out"
+            )
+        if IN_MEMORY in {one.kind for one in opened.header.policies()}:
+            raise errors.IncompleteCheckError(
+                "a policy of the run was an object in memory, which cannot be loaded again.\n"
+                "Leave out --rerun, or evaluate the policy from a file"
+            )
         policy = policy or _source_of(opened.header.policy, "--policy")
         exploration = exploration or _source_of(opened.header.exploration, "--exploration")
         setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)

@@ -22,7 +22,7 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.machine import installed_versions, machine_facts, require, require_minari
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
-from minitouch_bench.runs.journal import Journal, check_same
+from minitouch_bench.runs.journal import Journal, check_same, read_header
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import (
     Run,
@@ -61,6 +61,21 @@ def run_name(header: RunHeader) -> str:
         digest = hashlib.sha256(changes.encode()).hexdigest()[:8]
         changes = f"{_file_name(changes[: LONGEST_NAME - 9])}-{digest}"
     return "-".join(filter(None, (policy, header.plan.suite, changes)))
+
+
+def default_directory(header: RunHeader, ending: str = "") -> Path:
+    """Return the directory of a run without ``--output``, which has its name and ``ending``.
+
+    Where the run of a policy of another format has it already, as of x.onnx beside x.pt2, the name
+    has the format, too.
+    """
+    usual = files.REPORTS / f"{run_name(header)}{ending}"
+    with contextlib.suppress(errors.RunDirectoryError):
+        if read_header(usual).policy.kind != header.policy.kind:
+            name = f"{header.policy.name} {header.policy.kind}"
+            other = replace(header, policy=replace(header.policy, name=name))
+            return files.REPORTS / f"{run_name(other)}{ending}"
+    return usual
 
 
 def _file_name(text: str) -> str:

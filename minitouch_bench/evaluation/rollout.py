@@ -1,6 +1,8 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
 import contextlib
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
@@ -20,6 +22,10 @@ from minitouch_bench.tasks.environment import OBJECT, OUTCOMES, MiniTouchEnv
 
 WorldOf = Callable[[str], MiniTouchEnv]
 """Returns the world that a task is played in: the scripted policy reads it."""
+
+
+UNREACHABLE_S, UNREACHABLE_PAUSE_S = 30.0, 1.0
+"""How long an episode waits for a policy server that cannot be reached, and between two tries."""
 
 
 class PolicyMaker(Protocol):
@@ -42,10 +48,23 @@ class EpisodeRunner:
         self._policies: dict[Role, Policy] = {}
 
     def run(self, spec: EpisodeSpec) -> PlayedEpisode:
-        """Run one episode."""
+        """Run one episode; where its policy server cannot be reached, wait and begin it again.
+
+        Raises:
+            ServerUnreachableError: the server has not come back within UNREACHABLE_S.
+        """
         if spec.role not in self._policies:
             self._policies[spec.role] = self._source.make_policy(spec.role, self._world_of)
-        return run_episode(self._world_of(spec.task), self._policies[spec.role], spec)
+        deadline = math.inf
+        while True:
+            try:
+                return run_episode(self._world_of(spec.task), self._policies[spec.role], spec)
+            except errors.ServerUnreachableError:
+                now = time.monotonic()
+                deadline = min(deadline, now + UNREACHABLE_S)
+                if now >= deadline:
+                    raise
+                time.sleep(UNREACHABLE_PAUSE_S)
 
     def _world_of(self, task: str) -> MiniTouchEnv:
         if task not in self._worlds:

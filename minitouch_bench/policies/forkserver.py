@@ -264,10 +264,13 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
             raise
         except BaseException as error:
             kind = wire.Frame.RAISED
-            if request is wire.Frame.LOAD and isinstance(error, errors.MiniTouchError):
+            refusals = errors.PolicyLoadError, errors.MissingExtraError
+            if request is not wire.Frame.ACT and isinstance(error, refusals):
                 kind = wire.Frame.REFUSED
             elif isinstance(error, errors.InvalidActionError):
                 kind = wire.Frame.INVALID
+            elif policy.is_unreachable(order.source.kind, error):
+                kind = wire.Frame.UNREACHABLE
             text = _in_words(error) if kind is wire.Frame.RAISED else str(error)
             answer = text.encode(errors="replace")
         wire.write_frame(channel, kind, answer[: wire.MAX_PAYLOAD])

@@ -209,6 +209,8 @@ NEITHER_READ_NOR_WRITE = 3
 """The mode that Linux has beside O_RDONLY, O_WRONLY and O_RDWR; Landlock lets it open any file."""
 O_RDONLY, O_TRUNC = 0, 0o1000
 CLONE_THREAD = 0x00010000
+NEGATIVE = 1 << 31
+"""A negative clock is the processor time of a process that its number names."""
 MAP_SHARED = 0b1  # MAP_SHARED_VALIDATE has it, too
 NAME_CALLS = (15, 16)
 READING_PRCTL = (2, 3, 21, 23, 39, 51, 64)
@@ -263,7 +265,10 @@ def _judgments(pid: int, *, threads: bool) -> Mapping[str, list[Instruction]]:
     """Return what decides on each call that is judged by its arguments."""
     thread = [*_low(0), *_allow_if(IF_ANY_BIT, (CLONE_THREAD,))] if threads else []
     options = (*NAME_CALLS, *READING_PRCTL, PR_SET_VMA)
+    clocks = ("clock_gettime", "clock_getres", "clock_nanosleep")
+    clock = [*_low(0), (IF_ANY_BIT, 0, 1, NEGATIVE), *DENIED, *GRANTED]
     return {
+        **dict.fromkeys(clocks, clock),
         "open": _opening(1),
         "openat": _opening(2),
         "clone": thread + DENIED,

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import PolicyIdentity
-from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError, describe
+from minitouch_bench.errors import (
+    MissingExtraError,
+    PolicyLoadError,
+    ServerUnreachableError,
+    UsageError,
+    describe,
+)
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
@@ -204,6 +210,11 @@ def find_loader(kind: str) -> Callable[[PolicySource], Policy]:
     return look_up(f"minitouch_bench.policies.{FORMATS[kind].loader}")
 
 
+def is_unreachable(kind: str, error: BaseException) -> bool:
+    """Tell whether our client of a policy server found nobody: only it can say so, no policy."""
+    return kind == "remote" and isinstance(error, ServerUnreachableError)
+
+
 def load_policy(source: PolicySource) -> Policy:
     """Build the policy of a source, whose ``content`` is the file's bytes.
 
@@ -211,14 +222,16 @@ def load_policy(source: PolicySource) -> Policy:
         PolicyLoadError: the checkpoint is unreadable, unsafe or of the wrong form; loaders say in
             what respect, and here the name of the file is added.
         MissingExtraError: an optional package of the format is not installed.
+        ServerUnreachableError: the policy is a server, and there is no connection to it.
     """
-    loader = find_loader(source.kind)
     try:
-        return loader(source)
+        return find_loader(source.kind)(source)
     except PolicyLoadError as error:
         raise PolicyLoadError(f"{source.target}: {error}") from error
-    except MiniTouchError:
+    except (MissingExtraError, KeyboardInterrupt):
         raise
-    except Exception as error:  # whatever a foreign reader raises means: not loadable
+    except BaseException as error:  # also what a foreign reader or a factory ends a program with
+        if is_unreachable(source.kind, error):
+            raise
         text = f"{source.target}: not a readable {source.kind} policy: {describe(error)}"
         raise PolicyLoadError(text) from error

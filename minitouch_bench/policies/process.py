@@ -23,6 +23,7 @@ from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import SANDBOXED, Isolation, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import fit_action
 
 EXIT_GRACE_S = 0.2
@@ -57,7 +58,7 @@ class PolicyProcess:
         self._files: dict[str, IO[bytes]] = {}  # checkpoints as they were read first, by digest
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
-        self.warning = self.target = ""
+        self.warning = self.target = self._kind = ""
         self._size = 0
         self._end_grace_s = self._left_s = 0.0
 
@@ -76,12 +77,13 @@ class PolicyProcess:
             IsolationError: this machine has no sandbox to hold it in.
             MissingExtraError: an optional package is not installed.
             PolicyFaultError: the policy's own ``reset`` failed; see its subclasses.
+            ServerUnreachableError: there is no connection to the policy server.
             InfrastructureError: no host process can be started.
         """
         part = self._source.for_task(task)
         policy.check_permitted(part, self._options.level, trust=self._options.trust)
         self._end_episode()
-        self.target, self._size = part.target, policy.action_size(task)
+        self.target, self._kind, self._size = part.target, part.kind, policy.action_size(task)
         self._left_s = self._limits.episode_timeout_s
         self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(part, wire.StartOrder(replace(part, content=b""), task, seed))
@@ -107,6 +109,7 @@ class PolicyProcess:
             PolicyKilledError: the child was killed from outside.
             OutOfMemoryError: the same, while it used much memory.
             PolicyRaisedError: the policy's code raised; the text has type and message.
+            ServerUnreachableError: there is no connection to the policy server.
             InfrastructureError: the host process ended.
         """
         limit_s = self._limits.act_timeout_s
@@ -225,7 +228,7 @@ class PolicyProcess:
         text = errors.plain_line(
             payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
         )
-        if kind is wire.Frame.REFUSED and request is wire.Frame.LOAD:
+        if kind is wire.Frame.REFUSED and request is not wire.Frame.ACT:
             is_confined_factory = self._host is not None and self._host.setup.factory
             self._stop(0.0)
             if is_confined_factory and "PermissionError" in text:
@@ -236,6 +239,10 @@ class PolicyProcess:
         if kind is wire.Frame.RAISED:
             self._stop(self._end_grace_s)
             raise errors.PolicyRaisedError(text)
+        unreachable = errors.ServerUnreachableError(text)
+        if kind is wire.Frame.UNREACHABLE and policy.is_unreachable(self._kind, unreachable):
+            self._stop(0.0)
+            raise unreachable
         self._break_off(wire.WireError(f"{kind.name} is not an answer to {request.name}"))
 
     def _break_off(self, error: wire.WireError) -> NoReturn:
@@ -312,33 +319,44 @@ class InProcessPolicy:
         if FORMATS[part.kind].suffixes:
             part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
-        self._policy = policy.load_policy(part)
-        self.warning = policy.warning_of(self._policy)
+        with contextlib.redirect_stdout(sys.stderr):
+            self._policy = policy.load_policy(part)
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
-        try:
+        with _own_faults(part.kind):
+            self.warning = policy.warning_of(self._policy)
             self._policy.reset(seed, task)
-        except Exception as error:
-            raise errors.PolicyRaisedError(errors.describe(error)) from error
 
     def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}
-        try:
-            raw = self._policy.act(copied)
-        except errors.PolicyFaultError:
-            raise
-        except Exception as error:
-            raise errors.PolicyRaisedError(errors.describe(error)) from error
-        return fit_action(raw, self._size)
+        with _own_faults(self._source.kind):
+            return fit_action(self._policy.act(copied), self._size)
 
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
         ended, self._policy = self._policy, None
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(errors.MiniTouchError), _own_faults(self._source.kind):
             policy.close_policy(ended)
+
+
+@contextlib.contextmanager
+def _own_faults(kind: str) -> Iterator[None]:
+    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
+
+    What it prints goes to standard error: standard output is for the results.
+    """
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except (errors.PolicyError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        if policy.is_unreachable(kind, error):
+            raise
+        raise errors.PolicyRaisedError(errors.describe(error)) from error
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:
@@ -370,6 +388,9 @@ def try_policy(
 ) -> tuple[str, ...]:
     """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
 
+    One that serves several tasks is tried in that of the largest forces: a model of smaller ones
+    is refused there.
+
     Returns:
         What loaders warn of, one line each.
 
@@ -383,12 +404,15 @@ def try_policy(
         return ()
     warnings, felt = [], policy.zero_observation()
     felt["touch"] = np.ones_like(felt["touch"])
+    hardest = max(tasks, key=lambda task: PROTOCOL.task(task).force_limit)
     with _kept_generators(), contextlib.closing(isolate(source, options)) as tried:
-        for task in tasks if source.parts else tasks[:1]:
+        for task in tasks if source.parts else [hardest]:
             try:
                 tried.reset(0, task)
             except errors.PolicyFaultError as fault:
                 raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
+            except errors.ServerUnreachableError as error:
+                raise errors.PolicyLoadError(str(error)) from error
             with contextlib.suppress(errors.PolicyFaultError):
                 tried.act(policy.zero_observation())
                 remembers = policy.TO_REMEMBER in tried.warning and not np.array_equal(

@@ -7,6 +7,7 @@ can depend on another one.
 
 import hashlib
 import inspect
+import io
 import os
 import pickle
 import re
@@ -63,6 +64,39 @@ CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 """How cloudpickle names a class of ``__main__``: 32 digits, drawn again in each process."""
 
 
+PLAIN = (str, bytes, int, float, bool, type(None))
+"""Types whose values have the same ``repr`` in each process."""
+
+
+class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
+    """Writes equal objects as equal bytes in each process.
+
+    Pickle writes a tensor with its address in memory, and a set in an order that each process
+    draws. Here a tensor is written as its type, shape and bytes, and a set in order.
+    """
+
+    def persistent_id(self, value: object) -> object:
+        """Return what is written in place of a tensor or a set; None for any other value."""
+        torch = sys.modules.get("torch")
+        if torch is not None and isinstance(value, torch.Tensor):
+            return _tensor_content(torch, value)
+        if isinstance(value, set | frozenset) and all(map(_is_plain, value)):
+            return type(value).__name__, sorted(map(repr, value))
+        return None
+
+
+def _tensor_content(torch: Any, tensor: Any) -> object:
+    if tensor.layout is not torch.strided or tensor.is_quantized or tensor.is_meta:
+        return None  # it has no bytes of its own: it is written as it is pickled
+    plain = tensor.detach().cpu().resolve_conj().resolve_neg().flatten().contiguous()
+    content = plain.view(torch.uint8).numpy().tobytes()
+    return type(tensor).__name__, str(tensor.dtype), tuple(tensor.shape), content
+
+
+def _is_plain(value: object) -> bool:
+    return type(value) in PLAIN or (type(value) is tuple and all(map(_is_plain, value)))
+
+
 class ObjectPolicy:
     """An object with ``act(observation)`` and without ``reset``; a ``close()`` of it is called."""
 
@@ -88,15 +122,17 @@ def keep_in_memory(policy: object) -> PolicySource:
         PolicyLoadError: it is not a policy, or cannot be copied.
     """
     try:
-        content = cloudpickle.dumps(_acting_part(policy))
-    except PolicyLoadError:
+        acting, written = _acting_part(policy), io.BytesIO()
+        content = cloudpickle.dumps(acting)
+        _Digester(written).dump(acting)
+    except (PolicyLoadError, KeyboardInterrupt):
         raise
-    except Exception as error:  # whatever an object raises when it is pickled
+    except BaseException as error:  # whatever an object raises when it is pickled
         raise PolicyLoadError(
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
             f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"
         ) from error
-    digest = hashlib.sha256(CLASS_ID.sub(b"", content)).hexdigest()
+    digest = hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
     name = type(policy).__name__
     return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
 

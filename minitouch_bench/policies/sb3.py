@@ -31,8 +31,11 @@ from minitouch_bench.protocol.spec import ACTION_SIZES
 ON_POLICY = "gae_lambda"
 """A setting of PPO and A2C alone."""
 
-LEAST_FORCE_LIMIT = min(task.force_limit for task in PROTOCOL.tasks)
-"""The smallest bound (N) of the forces in any task's observation space."""
+MISSING = {
+    "sb3_contrib": "pip install sb3-contrib",
+    "gym": "it was saved by Stable-Baselines3 1.x: load and save it with version 2, see its guide",
+}
+"""What to do where a package is missing that a user does not write."""
 
 SETTINGS = {
     "policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space",
@@ -44,17 +47,32 @@ class Sb3Policy:
     """Run a policy of stable_baselines3, with the frames of ``VecFrameStack`` if it wants them.
 
     Raises:
-        PolicyLoadError: it was trained on another observation.
+        PolicyLoadError: it was trained on another observation, or with other actions.
     """
 
     def __init__(self, policy: Any, deterministic: bool) -> None:
         self._policy = policy
         self._deterministic = deterministic
-        space = getattr(policy, "observation_space", None)
-        self._frames = 1 if space is None else count_frames(space)
+        check_actions(policy.action_space)
+        self._frames = count_frames(policy.observation_space)
+        # The forces have the largest bounds. VecFrameStack orders bounds otherwise than frames.
+        forces = range(TOUCH_SHAPE[0])[PROTOCOL.observation.forces]
+        bounds = np.sort(policy.observation_space["touch"].high)
+        self._largest_force = bounds[-self._frames * len(forces)]
 
     def reset(self, seed: int, task: str) -> None:
-        """Forget state and frames, and seed torch's generator, which the policy samples from."""
+        """Forget state and frames, and seed torch's generator, which the policy samples from.
+
+        Raises:
+            PolicyLoadError: the model was trained with smaller forces than those of the task.
+        """
+        limit = PROTOCOL.task(task).force_limit
+        if self._largest_force < limit:
+            raise PolicyLoadError(
+                f"the model was trained with forces of at most {self._largest_force:g}; those of "
+                f"{task} are newtons, up to {limit:g}. Train in this task, or leave it out with "
+                "--tasks; put a scaling into the network, as a features extractor"
+            )
         self._state = None
         self._stack = {
             name: np.zeros((self._frames * len(value), *value.shape[1:]), value.dtype)
@@ -88,9 +106,11 @@ def load_sb3(source: PolicySource) -> Sb3Policy:
     except (zipfile.BadZipFile, LookupError, ValueError, RecursionError) as error:
         raise PolicyLoadError(f"not a Stable-Baselines3 model: {error}") from error
     except (ImportError, PermissionError) as error:
+        package = (getattr(error, "name", None) or "").partition(".")[0]
+        own = "call cloudpickle.register_pickle_by_value(MODULE) before model.save()"
         raise PolicyLoadError(
-            f"it needs a module that no installed package has ({describe(error)}): call "
-            "cloudpickle.register_pickle_by_value(MODULE) before model.save()"
+            f"it needs a module that no installed package has ({describe(error)}): "
+            + MISSING.get(package, own)
         ) from error
     return Sb3Policy(policy, source.deterministic)
 
@@ -114,8 +134,7 @@ def _open_settings(content: bytes) -> dict[str, Any]:
 def _build(settings: dict[str, Any], weights: bytes) -> Any:
     observed, acted = settings["observation_space"], settings["action_space"]
     count_frames(observed)
-    if getattr(acted, "shape", None) not in [(size,) for size in ACTION_SIZES]:
-        raise PolicyLoadError(f"its actions have shape {acted.shape}, not (4,) or (5,)")
+    check_actions(acted)
     refuse_normalized(settings)
     # A policy makes its optimizer, of which the first real one takes 1.5 s to import.
     no_optimizer = {"optimizer_class": lambda *_, **__: None}
@@ -136,19 +155,37 @@ def _build(settings: dict[str, Any], weights: bytes) -> Any:
 
 
 def refuse_normalized(settings: dict[str, Any]) -> None:
-    """Refuse a model that saw observations through VecNormalize: its zip lacks their statistics.
+    """Refuse a model that saw observations through VecNormalize: it lacks their statistics.
 
-    The settings hold the last observation. In a normalized one the image is not of bytes, or the
-    finger openings are out of their range: normalized numbers are as often negative as positive.
+    The settings hold the last observation, and those of a model in memory the normalization. In a
+    normalized observation the image is not of bytes, or the finger openings are out of their
+    range: normalized numbers are as often negative as positive.
     """
+    is_normalized = getattr(settings.get("_vec_normalize_env"), "norm_obs", False)
     last = settings.get("_last_obs")
-    if not isinstance(last, dict) or last.keys() != {"image", "touch"}:
-        return
-    openings = last["touch"].reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.openings]
-    if last["image"].dtype != np.uint8 or (openings < 0).any() or (openings > 1).any():
+    if isinstance(last, dict) and last.keys() == {"image", "touch"}:
+        openings = last["touch"].reshape(-1, *TOUCH_SHAPE)[:, PROTOCOL.observation.openings]
+        are_shares = ((openings >= 0) & (openings <= 1)).all()
+        is_normalized |= last["image"].dtype != np.uint8 or not are_shares
+    if is_normalized:
         raise PolicyLoadError(
-            "it was trained under VecNormalize, whose statistics are not in the zip. Train with "
+            "it was trained under VecNormalize, whose statistics are not in the model. Train with "
             "VecNormalize(norm_obs=False), or put the normalization into the network"
+        )
+
+
+def check_actions(space: Any) -> None:
+    """Refuse a space of other actions; infinite bounds, as of ``ClipAction``, are no others.
+
+    Raises:
+        PolicyLoadError: it is one.
+    """
+    shapes = [(size,) for size in ACTION_SIZES]
+    is_box = isinstance(space, spaces.Box) and space.shape in shapes
+    if not is_box or not np.isin((-space.low, space.high), (1, np.inf)).all():
+        raise PolicyLoadError(
+            f"it was trained with other actions ({str(space)[:120]}); here they are 4 or 5 numbers "
+            "from -1 to 1. Train without RescaleAction, or rescale them in a Python factory"
         )
 
 
@@ -168,14 +205,5 @@ def count_frames(space: Any) -> int:
             f"it was trained on another observation ({str(space)[:120]}); here it is "
             f"Dict(image=uint8 {IMAGE_SHAPE}, touch=float32 {TOUCH_SHAPE}), or n of them joined "
             "by VecFrameStack"
-        )
-    assert isinstance(touch, spaces.Box)  # which alone has a shape and a type of numbers
-    # The forces have the largest bounds. VecFrameStack orders bounds otherwise than frames.
-    felt_forces = np.arange(TOUCH_SHAPE[0])[PROTOCOL.observation.forces]
-    limit = np.sort(touch.high)[-frames * len(felt_forces)]
-    if limit < LEAST_FORCE_LIMIT:
-        raise PolicyLoadError(
-            f"it was trained with forces of at most {limit:g}; here they are newtons, up to "
-            f"{LEAST_FORCE_LIMIT:g} or more. Put the scaling into the network: a features extractor"
         )
     return frames

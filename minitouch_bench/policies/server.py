@@ -15,6 +15,7 @@ An error answers with another status than 200 and {"error": "one line"}.
 import http.client
 import itertools
 import json
+import select
 import sys
 import threading
 import urllib.parse
@@ -27,7 +28,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, describe, plain_line
+from minitouch_bench.errors import (
+    PolicyFaultError,
+    PolicyLoadError,
+    ServerUnreachableError,
+    describe,
+    plain_line,
+)
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.policy import Observation, Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
@@ -120,7 +127,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
             status, answer = error.args[0], {"error": error.args[1]}
         except wire.WireError as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
-        except Exception as error:  # the policy's own failure is for the evaluation to show
+        except BaseException as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
         content = json.dumps(answer).encode()
         self.send_response(status)
@@ -159,19 +166,23 @@ def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8
 
 HTTP_API_VERSION = 1
 MAX_ANSWER = 64 * 1024
+CONNECT_TIMEOUT_S = 2.0
 SOCKET_TIMEOUT_S = MAX_TIMEOUT_S
 """Only a backstop: the deadline of an act is kept by the process that asked for it."""
 
 
 class RemotePolicy:
-    """Send every observation to a policy server over one lasting connection."""
+    """Send every observation to a policy server over one lasting connection.
+
+    Each request raises ``ServerUnreachableError`` where there is no connection to send it over.
+    """
 
     def __init__(self, url: str, deterministic: bool) -> None:
         parts = urllib.parse.urlsplit(url)
         secure = parts.scheme == "https"
         connect = http.client.HTTPSConnection if secure else http.client.HTTPConnection
-        self._connection = connect(parts.netloc, timeout=SOCKET_TIMEOUT_S)
-        self._prefix = parts.path.rstrip("/")
+        self._connection = connect(parts.netloc, timeout=CONNECT_TIMEOUT_S)
+        self._url, self._prefix = url, parts.path.rstrip("/")
         self._deterministic = deterministic
         self._episode = ""
 
@@ -202,8 +213,26 @@ class RemotePolicy:
             self._call("DELETE", f"/episodes/{self._episode}")
         self._connection.close()
 
+    def _connect(self) -> None:
+        """Connect, again if the server has closed the connection, as after a pause."""
+        if self._connection.sock is not None:
+            unasked = select.poll()
+            unasked.register(self._connection.sock, select.POLLIN)
+            if not unasked.poll(0):
+                return
+            self._connection.close()
+        try:
+            self._connection.connect()
+        except OSError as error:
+            self._connection.close()
+            raise ServerUnreachableError(
+                f"the policy server {self._url} cannot be reached ({describe(error)})"
+            ) from error
+        self._connection.sock.settimeout(SOCKET_TIMEOUT_S)
+
     def _call(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
         kind = "application/octet-stream" if path.endswith("/act") else "application/json"
+        self._connect()
         try:
             self._connection.request(method, self._prefix + path, body, {"Content-Type": kind})
             response = self._connection.getresponse()
@@ -229,6 +258,7 @@ def load_remote(source: PolicySource) -> RemotePolicy:
     """Connect to a policy server.
 
     Raises:
+        ServerUnreachableError: nobody is there.
         PolicyLoadError: nobody answers, or in another protocol.
     """
     policy = RemotePolicy(source.target, source.deterministic)

@@ -62,11 +62,13 @@ class Frame(IntEnum):
     """To LOAD, with what the loader warns of; or REFUSED."""
     REFUSED = 7
     READY = 8
-    """To RESET; or RAISED."""
+    """To RESET; or REFUSED, or RAISED."""
     ACTION = 9
     """To ACT; or INVALID, where the policy gave no valid action, or RAISED."""
     RAISED = 10
     INVALID = 11
+    UNREACHABLE = 12
+    """To any request, of the client of a policy server."""
 
 
 class WireError(Exception):

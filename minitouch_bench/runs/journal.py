@@ -27,7 +27,7 @@ from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
-from minitouch_bench.runs.run import RunHeader
+from minitouch_bench.runs.run import RunHeader, read_run
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""
@@ -89,19 +89,18 @@ class Journal:
                 packages; the text names the differences.
         """
         path, journal = directory / files.JOURNAL_FILE, cls(header, directory)
-        with files.os_errors_as(RunDirectoryError, path, "read"):
-            first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
-        if first is None:
-            raise RunDirectoryError(f"{path} has no header")
-        stored = read_json(first, _FirstLine, str(path))
+        stored, others = _read(path)
         check_same(header, stored.header, directory)
         if differences := compare_versions(stored.packages, packages):
             raise RunDirectoryError(
                 f"{directory} was begun with other packages, which --resume needs: {differences}"
             )
-        records = [_parse_record(line, str(path)) for line in others if line is not None]
-        found = {record.spec: record for record in records}
-        journal.records = {spec: found[spec] for spec in header.specs() if spec in found}
+        lines = (read_json(line, _EpisodeLine, str(path)) for line in others if line is not None)
+        planned = frozenset(header.specs())
+        found = {line.spec: line for line in lines if line.spec in planned}
+        journal.records = {
+            spec: _unpack(found[spec], str(path)) for spec in header.specs() if spec in found
+        }
         return journal
 
     def keep(self, record: PlayedEpisode) -> None:
@@ -137,6 +136,26 @@ class Journal:
                 path.unlink(missing_ok=True)
 
 
+def read_header(directory: Path) -> RunHeader:
+    """Return the header of the run in a directory, finished or not.
+
+    Raises:
+        RunDirectoryError: there is no run, or it is damaged.
+    """
+    if (directory / files.RUN_FILE).exists():
+        return read_run(directory).header
+    return _read(directory / files.JOURNAL_FILE)[0].header
+
+
+def _read(path: Path) -> tuple[_FirstLine, list[bytes | None]]:
+    """Return a journal's first line, and the contents of its others, None of a damaged one."""
+    with files.os_errors_as(RunDirectoryError, path, "read"):
+        first, *others = map(_content, files.read_file(path, LARGEST_JOURNAL).split(b"\n"))
+    if first is None:
+        raise RunDirectoryError(f"{path} has no header")
+    return read_json(first, _FirstLine, str(path)), others
+
+
 def _as_line(document: object) -> bytes:
     """Return a document's line, without the line break."""
     text = msgspec.json.encode(document)
@@ -148,8 +167,7 @@ def _content(line: bytes) -> bytes | None:
     return text if line[:9] == b"%08x " % zlib.crc32(text) else None
 
 
-def _parse_record(line: bytes, name: str) -> PlayedEpisode:
-    stored = read_json(line, _EpisodeLine, name)
+def _unpack(stored: _EpisodeLine, name: str) -> PlayedEpisode:
     try:
         arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
         trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)

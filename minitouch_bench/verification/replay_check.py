@@ -190,6 +190,9 @@ def _differences(record: PlayedEpisode, row: Episode, recorded: Actions) -> Iter
         yield Problem(key, f"{row.outcome} recorded, {record.outcome} when run again{fault}")
     elif record.trace.digest() != row.digest:
         yield Problem(key, _first_other_step(recorded, record.trace.actions))
+    elif (clipped := int(record.trace.clipped.sum())) != row.clipped_actions:
+        what = f"{row.clipped_actions} clipped actions recorded, {clipped} when run again"
+        yield Problem(key, what)
 
 
 def _first_other_step(recorded: Actions, again: Actions) -> str:

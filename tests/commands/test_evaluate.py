@@ -15,7 +15,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run
 from tests.archives import zipped
-from tests.commands.command import finish, run, same_results, start, wait_for_records
+from tests.commands.command import finish, run, run_installed, same_results, start, wait_for_records
 from tests.commands.conftest import SCRIPTED
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
@@ -137,6 +137,23 @@ def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
     assert '"act_timeout_s": 7.5' in (tmp_path / "run" / "run.json").read_text()
 
 
+@pytest.mark.parametrize("isolation", ["none", "process"])
+def test_a_policy_that_ends_its_program_is_at_fault(tmp_path, isolation):
+    options = (*ONE, "--trust", "--isolation", isolation, "--output", "run")
+    done = run_installed("evaluate", "misbehaved:Quits", *options, directory=tmp_path)
+    assert done.code == 4, done.err
+    assert read_run(tmp_path / "run").faults.keys() == {"pushing/0"}
+    unloaded = run_installed("evaluate", "misbehaved:quit_at_once", *options, directory=tmp_path)
+    unloaded.refused(3, "quit_at_once")
+
+
+def test_what_a_policy_prints_is_apart_from_the_results(tmp_path):
+    options = (*ONE, "--trust", "--isolation", "none", "--output", "run", "--json")
+    done = run_installed("evaluate", "misbehaved:Talks", *options, directory=tmp_path)
+    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
+    assert {"made", "begun", "acting", "ended"} <= {*done.err.split()}
+
+
 def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):
     options = ("--trust", "--isolation", "process", *ONE, "--output", "run")
     done = run("evaluate", "misbehaved:Greedy", *options, directory=tmp_path)
@@ -155,7 +172,9 @@ def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):
         (("--workers", "many"), 2, "--workers"),
         (("--name", " "), 2, "--name is empty"),
         (("--isolation", "none"), 2, "--trust"),
-        (("--tasks", "playing", "--exploration", "zero"), 2, "task with a goal"),
+        (("--tasks", "playing", "--exploration", "gone.pt"), 2, "task with a goal"),
+        (("--exploration", "random"), 2, "leave it out"),
+        (("--exploration", "open-loop"), 2, "leave it out"),
         (("--exploration", "gone.pt"), 3, "gone.pt"),
         (("--output", "file/run"), 6, "cannot be written"),
         (("--output", "busy"), 6, "in use"),

@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 import pytest
 
 from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import make_header, parse_run, read_run, run_digest, run_json
@@ -203,8 +205,9 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
 
 
 def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
+    save_native(TouchActor(action_size=5), tmp_path / "explored.safetensors")
     one = ("--tasks", "opening", "--episodes", 1, "--output", "base")
-    run("evaluate", "random", "--exploration", "random", *one, directory=tmp_path)
+    run("evaluate", "random", "--exploration", "explored.safetensors", *one, directory=tmp_path)
     done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     assert done.code == 0
     assert "left out" in done.err

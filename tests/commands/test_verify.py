@@ -4,7 +4,9 @@ import socket
 import numpy as np
 import pytest
 
+import minitouch_bench as mt
 from tests.commands.command import run
+from tests.evaluation.misbehaved import Still
 from tests.leaderboard.synthetic import official_run, write_official
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
@@ -76,6 +78,17 @@ def test_python_code_that_a_run_names_is_run_only_if_the_user_names_it(tmp_path)
     write_official(official_run(kind="factory", source="misbehaved:Still"), tmp_path / "run")
     unnamed = run("verify", "run", "--rerun", 1, "--trust", directory=tmp_path)
     unnamed.refused(5, "misbehaved:Still", "run only if you name it", "--policy")
+
+
+def test_what_cannot_be_run_again_is_said_and_no_option_is_ignored(scripted, tmp_path):
+    short = {"suite": "smoke", "tasks": "opening", "episodes": 1, "workers": 1}
+    mt.evaluate(Still(), **short, output=tmp_path / "run")
+    for more in ((), ("--policy", "zero")):
+        in_memory = run("verify", "run", "--rerun", 1, *more, directory=tmp_path)
+        in_memory.refused(5, "memory", "from a file")
+        assert "--policy" not in in_memory.err
+    unused = run("verify", scripted[1], "--rerun", 1, "--exploration", "zero", directory=tmp_path)
+    unused.refused(2, "--exploration", "leave it out")
 
 
 def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):

@@ -1,13 +1,26 @@
+import socket
+import threading
+import time
+from contextlib import closing
+
 import numpy as np
 import pytest
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import InvalidActionError, PolicyLoadError, PolicyTimeoutError
-from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.errors import (
+    InfrastructureError,
+    InvalidActionError,
+    PolicyLoadError,
+    PolicyTimeoutError,
+)
+from minitouch_bench.evaluation import rollout
+from minitouch_bench.evaluation.rollout import EpisodeRunner, run_episode
 from minitouch_bench.policies.scripted import ScriptedPolicy
+from minitouch_bench.policies.server import PolicyServer
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
+from tests.evaluation import runs
 
 SPECS = {spec.task: spec for spec in make_plan("smoke").specs()}
 
@@ -76,3 +89,34 @@ def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error, acts):
     assert record.fault == str(error)
     assert record.trace.actions.shape == (acts, 4)
     assert record.trace.touch.shape == (acts + 1, 11)
+
+
+class Still:
+    def reset(self, seed, task):
+        pass
+
+    def act(self, observation):
+        return np.zeros(4, np.float32)
+
+
+def test_an_episode_waits_for_its_server_and_the_machine_is_at_fault_if_it_stays_away(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = taken.getsockname()
+    wanted = runs.request(f"http://127.0.0.1:{address[1]}", ("opening",), 1)
+    (spec,) = wanted.plan.specs()
+    tries = []
+
+    def serve_after_two(pause_s):
+        tries.append(pause_s)
+        if len(tries) == 2:
+            server = PolicyServer(Still, address)
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    with closing(EpisodeRunner(wanted)) as runner, monkeypatch.context() as patch:
+        patch.setattr(rollout, "UNREACHABLE_S", 0.0)
+        with pytest.raises(InfrastructureError, match="cannot be reached"):
+            runner.run(spec)
+        patch.setattr(rollout, "UNREACHABLE_S", 60.0)
+        patch.setattr(time, "sleep", serve_after_two)
+        played = runner.run(spec)
+    assert (played.outcome, played.fault, len(tries)) == (Outcome.STEP_LIMIT, "", 2)

@@ -109,6 +109,7 @@ ACTS = {
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
     "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
     "cut_short": lambda: say_only(pack_frame(Frame.ACTION, bytes(15))),
+    "claim_absence": lambda: say_only(pack_frame(Frame.UNREACHABLE, b"gone")),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
     "answer_ahead": answer_ahead,
     "kill_host": lambda: (os.kill(os.getppid(), signal.SIGKILL), time.sleep(1000)),

@@ -76,6 +76,7 @@ def wait_for_a_packet(policy):
         ("close_pipes", PolicyExitError, "closed its connection$"),
         ("speak_nonsense", PolicyExitError, "broke the protocol: a packet of kind 255"),
         ("cut_short", PolicyExitError, "an action of 15 bytes, not 16"),
+        ("claim_absence", PolicyExitError, "UNREACHABLE is not an answer to ACT"),
         ("claim_refusal", PolicyExitError, "REFUSED is not an answer to ACT"),
         ("nan", InvalidActionError, "NaN"),
         ("short", InvalidActionError, "3 numbers"),

@@ -6,11 +6,17 @@ import sys
 import pytest
 import torch
 
-from minitouch_bench.errors import PolicyFaultError, PolicyRaisedError
+from minitouch_bench.errors import (
+    PolicyFaultError,
+    PolicyLoadError,
+    PolicyRaisedError,
+    ServerUnreachableError,
+)
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.process import isolate
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object, make_policy
 from minitouch_bench.policies.sources import parse_source
+from tests.process_tree import run_python
 
 BUGS = """
 import json
@@ -59,6 +65,73 @@ def test_a_fault_names_the_line_of_the_policy_at_every_level(tmp_path, monkeypat
         assert said == FAULTS
 
 
+class Unspeakable(BaseException):
+    __str__ = sys.exit
+
+
+ENDS = [SystemExit, GeneratorExit, StopIteration, Unspeakable, ServerUnreachableError]
+
+
+class Ending:
+    """Raises at one place."""
+
+    def __init__(self, place, error):
+        self.place, self.error = place, error
+        self.end("made")
+
+    def end(self, place):
+        if place == self.place:
+            raise self.error
+
+    def __getstate__(self):
+        self.end("pickled")
+        return vars(self)
+
+    def __setstate__(self, state):
+        vars(self).update(state)
+        self.end("loaded")
+
+    def reset(self, seed, task):
+        self.end("reset")
+
+    def act(self, observation):
+        self.end("act")
+        return self if self.place == "array" else [0.0] * 4
+
+    def __array__(self, *_, **__):
+        self.end("array")
+
+    def close(self):
+        self.end("close")
+
+
+@pytest.mark.parametrize("error", ENDS)
+def test_what_would_end_the_program_is_a_fault_beside_the_simulator(error, observation):
+    def play(place):
+        with contextlib.closing(isolate(keep_in_memory(Ending(place, error)))) as policy:
+            policy.reset(0, "pushing")
+            return policy.act(observation).tolist()
+
+    for place in ("pickled", "loaded"):
+        with pytest.raises(PolicyLoadError):
+            play(place)
+    for place in ("reset", "act", "array"):
+        with pytest.raises(PolicyFaultError):
+            play(place)
+    assert play("close") == [0.0] * 4
+
+
+@pytest.mark.parametrize("place", ["pickled", "loaded", "reset", "act"])
+def test_ctrl_c_is_not_a_fault_of_the_policy(place, observation):
+    def play():
+        policy = isolate(keep_in_memory(Ending(place, KeyboardInterrupt)))
+        policy.reset(0, "pushing")
+        policy.act(observation)
+
+    with pytest.raises(KeyboardInterrupt):
+        play()
+
+
 class Narrow(torch.nn.Module):
     rows = 12
 
@@ -93,3 +166,46 @@ def test_a_fault_names_the_line_of_a_module_in_memory(observation):
     place = r"multiplied .* \(test_python_objects\.py:\d+ in forward\)$"
     with pytest.raises(PolicyRaisedError, match=place):
         policy.act(observation)
+
+
+DIGESTS = """
+import torch
+from minitouch_bench.policies.python_objects import keep_in_memory
+class Net(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.layer = torch.nn.Linear(11, 4)
+        for name in ("alpha", "beta", "gamma", "delta"):
+            self.register_buffer(name, torch.ones(2, dtype=torch.bfloat16), persistent=False)
+class Planner:
+    def __init__(self, net):
+        self.net, self.seen = net, {("left", 1), "right", None, 2.5, b"x"}
+    def act(self, observation):
+        return self.net(observation)
+torch.manual_seed(0)
+net = Net()
+print(*(keep_in_memory(one).digest for _ in range(2) for one in (net, Planner(net))))
+"""
+
+
+def test_an_object_of_tensors_and_sets_has_one_digest_in_all_processes():
+    first, again = (run_python("-c", DIGESTS).stdout.split() for _ in range(2))
+    assert first == again
+    assert first[:2] == first[2:]
+    assert len({*first}) == 2
+
+
+def test_other_tensors_and_sets_have_other_digests():
+    def digest(value):
+        policy = Ending("nowhere", None)
+        policy.value = value
+        return keep_in_memory(policy).digest
+
+    values = [
+        torch.zeros(4), torch.zeros(2, 2), torch.zeros(4, dtype=torch.int32), -torch.zeros(4),
+        torch.tensor(0.0), torch.nn.Parameter(torch.zeros(4)), torch.eye(2).to_sparse(),
+        torch.zeros(4, device="meta"), {1, 2}, {1, 3}, {"1", 2}, frozenset({1, 2}), {Ending},
+    ]  # fmt: skip
+    assert len({*map(digest, values)}) == len(values)
+    transposed = torch.arange(4.0).reshape(2, 2).T
+    assert digest(transposed) == digest(transposed.contiguous())

@@ -1,6 +1,8 @@
 import contextlib
 import http.client
 import json
+import select
+import sys
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -8,10 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
-from minitouch_bench.policies.policy import PolicySource, load_policy
-from minitouch_bench.policies.process import isolate
-from minitouch_bench.policies.server import MAX_EPISODES, PolicyServer, RequestError
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource, load_policy
+from minitouch_bench.policies.process import isolate, try_policy
+from minitouch_bench.policies.server import (
+    MAX_EPISODES,
+    PolicyHandler,
+    PolicyServer,
+    RequestError,
+)
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES
 from tests.policies.recipes import run_recipes
@@ -100,12 +107,14 @@ def test_a_process_ends_its_episodes_on_the_server(server, url, observation):
 
 
 def test_an_episode_that_fails_is_ended_on_the_server_too(server, url, observation, monkeypatch):
-    monkeypatch.setattr(Echo, "act", lambda *_: 1 / 0)
-    with isolate(parse_source(url)) as policy:
-        policy.reset(1, "pushing")
-        with pytest.raises(PolicyFaultError, match="division by zero"):
-            policy.act(observation)
-        assert not server._episodes
+    acts = {"division by zero": lambda *_: 1 / 0, "SystemExit": lambda *_: sys.exit()}
+    for word, act in acts.items():
+        monkeypatch.setattr(Echo, "act", act)
+        with isolate(parse_source(url)) as policy:
+            policy.reset(1, "pushing")
+            with pytest.raises(PolicyFaultError, match=word):
+                policy.act(observation)
+            assert not server._episodes
 
 
 def test_a_client_that_is_gone_is_passed_over(server, capfd):
@@ -211,9 +220,44 @@ def test_an_odd_answer_of_a_server_is_named(odd, error, word, observation):
                 assert policy.act(observation).tolist() == [0.0, 1.5]
 
 
-def test_nobody_there_is_a_load_error():
-    with pytest.raises(PolicyLoadError, match="no policy server"):
-        load_policy(PolicySource("remote", "x", "http://127.0.0.1:1"))
+class Impatient(PolicyHandler):
+    """Closes connections that are idle for a moment."""
+
+    timeout = 0.05
+
+
+def test_a_connection_that_the_server_closed_is_opened_again(server, connect, observation):
+    server.RequestHandlerClass = Impatient
+    policy = connect()
+    policy.reset(1, "pushing")
+    for call in (1, 2, 3):
+        assert policy.act(observation)[2] == call
+        assert select.select([policy._connection.sock], [], [], 30.0)[0]  # it is closed there
+
+
+class Closing(PolicyHandler):
+    """Closes the connection after each answer."""
+
+    def end_headers(self):
+        self.send_header("Connection", "close")
+        super().end_headers()
+
+
+@pytest.mark.parametrize("level", [Isolation.PROCESS, Isolation.NONE])
+def test_a_server_that_cannot_be_reached_is_not_the_policy_s_fault(level, observation):
+    with PolicyServer(Echo, ("127.0.0.1", 0)) as server:
+        source = parse_source(f"http://127.0.0.1:{server.server_address[1]}")
+        with contextlib.closing(isolate(source, IsolationOptions(level, trust=True))) as policy:
+            server.RequestHandlerClass = Closing
+            with serving(server):
+                policy.reset(1, "pushing")
+            server.server_close()
+            with pytest.raises(ServerUnreachableError, match="cannot be reached"):
+                policy.act(observation)
+            with pytest.raises(ServerUnreachableError, match="cannot be reached"):
+                policy.reset(1, "pushing")
+    with pytest.raises(PolicyLoadError, match="cannot be reached"):
+        try_policy(source, ["pushing"], IsolationOptions(level, trust=True))
 
 
 def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):

@@ -10,15 +10,20 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from gymnasium.wrappers import ClipAction, RescaleAction
 
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.policy import PolicySource, load_policy
+from minitouch_bench.policies.process import try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object
+from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.simulation.observation import observation_space
 from tests.archives import members, zipped
 from tests.policies.recipes import StillEnvironment, run_recipes
 
 stable_baselines3 = pytest.importorskip("stable_baselines3")
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy  # noqa: E402
 
 WEIGHTS = "policy.pth"
 
@@ -160,11 +165,19 @@ def test_files_of_another_form_are_refused(recipe):
     refused(changed(content, **{WEIGHTS: b"\x80\x04."}), "no plain weights")
 
 
-def test_a_class_that_is_not_installed_is_named(recipe):
+@pytest.mark.parametrize(
+    ("module", "advice"),
+    [
+        ("sb3_contrib.tqc", "pip install sb3-contrib"),
+        ("gym.spaces", "1.x"),
+        ("nowhere", "No module named.*register_pickle_by_value"),
+    ],
+)
+def test_a_package_that_is_missing_is_told_from_a_module_of_the_user_s(recipe, module, advice):
     _, content = recipe
-    setting = {":serialized:": base64.b64encode(b"cnowhere\nPolicy\n.").decode()}
-    settings = {**settings_of(content), "policy_class": setting}
-    refused(changed(content, data=json.dumps(settings)), "No module named")
+    pickled = base64.b64encode(f"c{module}\nPolicy\n.".encode()).decode()
+    settings = {**settings_of(content), "policy_class": {":serialized:": pickled}}
+    refused(changed(content, data=json.dumps(settings)), advice)
 
 
 def test_weights_must_fit_the_settings(recipe):
@@ -175,13 +188,40 @@ def test_weights_must_fit_the_settings(recipe):
 
 def test_other_spaces_are_refused():
     refused(saved(make("SAC", StillEnvironment(4, (3, 84, 84)))), "another observation")
-    refused(saved(make("SAC", StillEnvironment(7))), r"shape \(7,\)")
     pendulum = stable_baselines3.SAC("MlpPolicy", "Pendulum-v1", buffer_size=10)
     refused(saved(pendulum), "another observation")
 
 
+def test_a_model_that_learned_other_actions_is_refused():
+    counted = StillEnvironment()
+    counted.action_space = spaces.MultiDiscrete([3] * 4)
+    small = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
+    for model in (
+        make("SAC", StillEnvironment(7), **small),
+        make("SAC", RescaleAction(StillEnvironment(4), *np.float32([0, 1])), **small).learn(16),
+        make("PPO", RescaleAction(StillEnvironment(4), *np.float32([-2, 2])), **small).learn(8),
+        make("PPO", counted, **small),
+    ):
+        refused(saved(model), "other actions")
+        with pytest.raises(PolicyLoadError, match="other actions"):
+            load_object(keep_in_memory(model))
+
+
+def test_actions_without_bounds_are_clipped_as_any_other(observation):
+    environment = ClipAction(StillEnvironment(4))
+    spaces_of = environment.observation_space, environment.action_space
+    policy = MultiInputActorCriticPolicy(*spaces_of, lambda _: 0.0, net_arch=[8])
+    wanted, _ = policy.predict(observation, deterministic=True)
+    loaded = load_object(keep_in_memory(policy))
+    loaded.reset(0, "pushing")
+    assert np.array_equal(loaded.act(observation), wanted)
+
+
 def test_a_policy_with_a_state_keeps_it_for_the_episode(observation):
     class Counting:
+        observation_space = StillEnvironment(4).observation_space
+        action_space = StillEnvironment(4).action_space
+
         def predict(self, observation, state, deterministic):
             return np.full(4, state or 0.0), (state or 0) + 1
 
@@ -189,6 +229,15 @@ def test_a_policy_with_a_state_keeps_it_for_the_episode(observation):
     for _ in range(2):
         policy.reset(0, "pushing")
         assert [policy.act(observation)[0] for _ in range(3)] == [0, 1, 2]
+
+
+def test_a_model_that_is_loaded_again_is_the_same_policy(tmp_path):
+    small = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
+    model = make("PPO", **small).learn(8)
+    model.save(file := tmp_path / "policy.zip")
+    digests = {keep_in_memory(stable_baselines3.PPO.load(file)).digest for _ in range(2)}
+    assert len(digests) == 1
+    assert keep_in_memory(make("PPO", **small)).digest not in digests
 
 
 def test_a_model_of_stacked_frames_acts_as_it_does_in_its_training():
@@ -216,10 +265,25 @@ def test_a_model_of_stacked_frames_acts_as_it_does_in_its_training():
 def test_a_model_that_learned_on_scaled_forces_is_refused():
     environment = StillEnvironment(4)
     environment.observation_space["touch"] = spaces.Box(-1.0, 1.0, (11,), np.float32)
-    refused(saved(make("PPO", environment, net_arch=[8])), "forces of at most 1; here")
+    refused(saved(make("PPO", environment, net_arch=[8])), "forces of at most 1;")
 
 
-def test_a_model_whose_observations_were_normalized_is_refused(observation):
+def test_a_model_that_learned_on_the_forces_of_another_task_is_refused(tmp_path):
+    (tmp_path / "policy.zip").write_bytes(saved(make("PPO", net_arch=[8])))
+    policy = parse_source(str(tmp_path / "policy.zip"))
+    assert try_policy(policy, ["pushing", "opening"]) == ()
+    for tasks in (["pick-up"], ["pushing", "pick-up", "opening"]):
+        with pytest.raises(PolicyLoadError, match=r"at most 50; those of pick-up .* 200"):
+            try_policy(policy, tasks)
+    trained = StillEnvironment()
+    trained.observation_space = observation_space(200.0)
+    for tasks in (["pick-up"], ["pushing", "pick-up"]):
+        try_policy(keep_in_memory(make("PPO", trained, net_arch=[8])), tasks)
+        with pytest.raises(PolicyLoadError, match="pick-up"):
+            try_policy(keep_in_memory(make("PPO", net_arch=[8])), tasks)
+
+
+def test_a_model_whose_observations_were_normalized_is_refused(observation, tmp_path):
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
     def plain():  # VecNormalize changes the space of what it wraps
@@ -228,8 +292,11 @@ def test_a_model_whose_observations_were_normalized_is_refused(observation):
     for key, words in (("touch", "under VecNormalize"), ("image", "on another observation")):
         model = make("SAC", VecNormalize(plain(), norm_obs_keys=[key]), net_arch=[8]).learn(16)
         refused(saved(model), words)
-        with pytest.raises(PolicyLoadError, match=r"^it was trained under VecNormalize"):
-            keep_in_memory(model)
+        model.save(file := tmp_path / "policy.zip")
+        loaded = stable_baselines3.SAC.load(file, env=VecNormalize(plain(), norm_obs_keys=[key]))
+        for one in (model, loaded):
+            with pytest.raises(PolicyLoadError, match=r"^it was trained under VecNormalize"):
+                keep_in_memory(one)
     for environment in (plain(), VecNormalize(plain(), norm_obs=False)):
         model = make("SAC", environment, net_arch=[8]).learn(16)
         assert load(saved(model)).act(observation).shape == (4,)

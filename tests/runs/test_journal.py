@@ -5,9 +5,11 @@ import resource
 import subprocess
 import sys
 import time
+import tracemalloc
 import zlib
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
@@ -82,6 +84,22 @@ def test_a_whole_line_of_damaged_arrays_is_refused(path):
     path.write_bytes(first + b"\n%08x " % zlib.crc32(text) + text)
     with pytest.raises(RunDirectoryError, match=rf"{JOURNAL_FILE} is damaged"):
         resumed(path.parent)
+
+
+def test_only_planned_episodes_are_unpacked(tmp_path):
+    journal = Journal.begin(HEADER, PACKAGES, tmp_path)
+    large = replace(RECORDS[0].trace, touch=np.zeros((2**12, 11), np.float32))
+    for index in range(50):
+        other = replace(SPECS[0], index=1000 + index)
+        journal.keep(replace(RECORDS[0], spec=other, trace=large))
+    journal.keep(RECORDS[0])
+    size = large.touch.nbytes
+    tracemalloc.start()
+    try:
+        assert [*resumed(tmp_path).records] == [SPECS[0]]
+        assert tracemalloc.get_traced_memory()[1] < 20 * size
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("content", [b"", b"00000000 {}", b"\xff" * 100])

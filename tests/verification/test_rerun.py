@@ -44,6 +44,15 @@ def test_another_policy_is_found_at_its_first_other_action(opened):
     assert difference.place == "exploration/pushing/0"
 
 
+def test_other_clipped_actions_than_recorded_are_a_difference(opened):
+    row = opened.rows[0]
+    claimed = replace(row, clipped_actions=row.clipped_actions + 1)
+    stranger = replace(opened, rows=(claimed, *opened.rows[1:]))
+    (difference,) = run_again(stranger, WANTED, opened.header.specs()[:1], Here()).problems
+    assert difference.place == "pushing/0"
+    assert "clipped" in difference.what
+
+
 def test_only_the_evaluated_checkpoint_is_run_again(opened):
     with pytest.raises(UsageError, match="zero is not the policy of this run: zero"):
         prepare_rerun(opened, "zero", "scripted")

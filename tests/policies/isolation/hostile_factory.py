@@ -15,6 +15,7 @@ import socket
 import struct
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,7 @@ DEEDS = {
     "read its parent's memory": read_parents_memory,
     "read its parent's environment": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
     "read its own environment": lambda: Path("/proc/self/environ").read_bytes(),
+    "read its parent's processor time": lambda: time.clock_gettime(~os.getppid() << 3 | 2),
     "list processes": lambda: os.listdir("/proc"),
     "write a file": lambda: Path(CANARY).write_text("x"),
     "change its code's rights": lambda: os.chmod(__file__, 0o777),

@@ -114,6 +114,13 @@ def test_no_file_is_emptied_that_landlock_does_not_let_write():
     assert [JUDGED["open"], JUDGED["openat"]] == [2, 257]
 
 
+@pytest.mark.parametrize("name", ["clock_gettime", "clock_getres", "clock_nanosleep"])
+def test_only_clocks_that_tell_of_no_other_process_are_read(name):
+    assert {judge(name, clock) for clock in range(12)} == {kernel.ALLOW}
+    for pid in (0, 1, PID, PID + 1):
+        assert judge(name, ~pid << 3 | 2) == DENIED
+
+
 def test_limits_are_read_and_never_set():
     assert judge("prlimit64", 0, 7, 0, 1000) == kernel.ALLOW
     assert judge("prlimit64", PID, 7, 0, 1000) == kernel.ALLOW
