@@ -1,6 +1,7 @@
 """The four environments, as Gymnasium and Stable-Baselines3 see them, and their promises."""
 
 import copy
+import gc
 import pickle
 
 import gymnasium
@@ -16,6 +17,7 @@ from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
+from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
@@ -78,6 +80,34 @@ def test_a_step_or_a_picture_before_the_first_reset_says_so():
     with pytest.raises(ResetNeeded):
         environment.render()
     environment.close()
+
+
+def test_a_closed_environment_leaves_the_others_alone():
+    closed, other = (mt.make("playing", render_mode="rgb_array") for _ in range(2))
+    closed.reset(seed=1)
+    closed.close()
+    later = mt.make("playing", render_mode="rgb_array")  # it gets the numbers of the closed worlds
+    seen = [digest(one.unwrapped, 7, 3) for one in (other, later)]
+    for use in (closed.reset, closed.render, lambda: closed.step(zero(closed))):
+        with pytest.raises(UsageError, match="closed"):
+            use()
+    closed.close()
+    assert [digest(one.unwrapped, 7, 3) for one in (other, later)] == seen
+    other.close()
+    later.close()
+
+
+def test_an_environment_that_nothing_uses_frees_its_worlds():
+    environment = mt.make("playing", render_mode="rgb_array")
+    environment.reset(seed=1)
+    environment.render()
+    made = environment.unwrapped
+    clients = made.client, made._kinematics._client, made._renderer._client
+    numbers = [client._bullet.id for client in clients]
+    assert len({*numbers}) == 3
+    del environment, made, clients
+    gc.collect()
+    assert not any(pybullet.isConnected(number) for number in numbers)
 
 
 def test_a_world_cannot_be_copied(environment):
