@@ -67,7 +67,10 @@ class RandomPlay:
 
 def deepest(environment: MiniTouchEnv) -> float:
     """Return the deepest penetration (m) of the arm or the object, in any body but the base's."""
-    client, bodies = environment.client._bullet.id, (environment.arm.body, environment.task.target_body)
+    client, bodies = (
+        environment.client._bullet.id,
+        (environment.arm.body, environment.task.target_body),
+    )
     points = [
         point
         for body in bodies

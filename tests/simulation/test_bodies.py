@@ -33,7 +33,11 @@ def cabinet(client):
 def angle_after_a_second(client, cabinet, torque):
     for _ in range(240):
         pybullet.applyExternalTorque(
-            cabinet, DOOR_LINK, (0, 0, torque), pybullet.LINK_FRAME, physicsClientId=client._bullet.id
+            cabinet,
+            DOOR_LINK,
+            (0, 0, torque),
+            pybullet.LINK_FRAME,
+            physicsClientId=client._bullet.id,
         )
         client.step()
     return client.joint_positions(cabinet, [DOOR_JOINT])[0]
