@@ -14,9 +14,11 @@ Simulator, torch and pandas are imported when they are first needed. See
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+from gymnasium.envs.registration import WrapperSpec
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
@@ -58,6 +60,9 @@ for _task in PROTOCOL.tasks:
         gymnasium.register(
             _task.gym_id,
             entry_point="minitouch_bench.tasks.environment:MiniTouchEnv",
-            max_episode_steps=_task.max_steps,
-            kwargs={"task": _task.name},
+            max_episode_steps=_task.max_steps,  # Gymnasium's limit is the only one
+            kwargs={"task": _task.name, "max_steps": sys.maxsize},
+            additional_wrappers=(
+                WrapperSpec("EpisodeEnd", "minitouch_bench.tasks.environment:EpisodeEnd", {}),
+            ),
         )

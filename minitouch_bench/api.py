@@ -42,17 +42,37 @@ AUTO_OUTPUT = "auto"
 TRAININGS = files.REPORTS / "training"
 
 
-def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium.Env[Any, Any]:
+def make(
+    task: str,
+    objects: Objects | None = None,
+    render_mode: str | None = None,
+    *,
+    width: int = 240,
+    height: int = 240,
+    max_episode_steps: int | None = None,
+    disable_env_checker: bool | None = None,
+) -> gymnasium.Env[Any, Any]:
     """Return the Gymnasium environment of a task, named as on the command line.
 
     ``objects``: "cube", a split of the shape set ("train", "held-out", "all"), names of shapes,
-    shapes of a set, or a whole set of your own or its folder; by default the task's. The other
-    options are those of ``gymnasium.make``, such as ``render_mode="rgb_array"``.
+    shapes of a set, or a whole set of your own or its folder; by default the task's.
+    ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
+    ``max_episode_steps``: by default the task's 200.
 
     Raises:
-        UsageError: the task or the objects do not exist.
+        UsageError: the task, the objects or an option do not exist.
     """
-    return gymnasium.make(PROTOCOL.task(task).gym_id, objects=objects, **options)
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise UsageError("max_episode_steps is a number from 1 on")
+    return gymnasium.make(
+        PROTOCOL.task(task).gym_id,
+        max_episode_steps,
+        disable_env_checker,
+        objects=objects,
+        render_mode=render_mode,
+        width=width,
+        height=height,
+    )
 
 
 def evaluate(

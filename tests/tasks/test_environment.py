@@ -7,7 +7,7 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equal
@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 import minitouch_bench as mt
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
 from minitouch_bench.simulation.client import pybullet
@@ -244,6 +245,39 @@ def test_the_step_limit_truncates():
     assert OUTCOMES[info["outcome"]] is Outcome.STEP_LIMIT
     assert not info["success"]
     environment.close()
+
+
+@pytest.mark.parametrize("limit", [3, 203])
+def test_gymnasium_s_step_limit_is_an_outcome_like_the_task_s_own(limit):
+    made = mt.make("playing", max_episode_steps=limit)
+    spec = EnvSpec.from_json(made.spec.to_json())
+    for environment in (made, pickle.loads(pickle.dumps(made)), gymnasium.make(spec)):
+        environment.reset(seed=1)
+        for step in range(1, limit + 1):
+            *_, terminated, truncated, info = environment.step(zero(environment))
+            assert (terminated, truncated) == (False, step == limit)
+            assert OUTCOMES[info["outcome"]] is (Outcome.STEP_LIMIT if truncated else None)
+        environment.close()
+
+
+def steps_to_success(environment):
+    """Return the steps that the scripted policy takes, and how the last one ends the episode."""
+    policy = ScriptedPolicy(lambda _: environment.unwrapped)
+    observation, _ = environment.reset(seed=1)
+    policy.reset(0, "opening")
+    for step in range(1, 201):
+        observation, _, terminated, truncated, info = environment.step(policy.act(observation))
+        if terminated or truncated:
+            environment.close()
+            return step, (terminated, truncated, OUTCOMES[info["outcome"]])
+    raise AssertionError("no end")
+
+
+def test_a_success_in_the_last_step_is_not_truncated():
+    steps, end = steps_to_success(mt.make("opening"))
+    assert end == (True, False, Outcome.SUCCESS)
+    limited = mt.make("opening", max_episode_steps=steps)
+    assert steps_to_success(limited) == (steps, end)
 
 
 def test_objects_are_asked_for_by_name(environments):
