@@ -20,7 +20,7 @@ from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play, resumable, run_name
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.json_io import StrPath, Words, take_table, words
+from minitouch_bench.json_io import StrPath, Words, checked, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
@@ -33,6 +33,8 @@ from minitouch_bench.verification.filming import film_run, require_video
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
+else:
+    TrainingCallbacks = object  # its module imports torch; ``run_training`` checks its type
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "train"]
 
@@ -42,6 +44,7 @@ AUTO_OUTPUT = "auto"
 TRAININGS = files.REPORTS / "training"
 
 
+@checked
 def make(
     task: str,
     objects: Objects | None = None,
@@ -75,6 +78,7 @@ def make(
     )
 
 
+@checked
 def evaluate(
     policy: object,
     suite: str = PROTOCOL.suites[0].name,
@@ -83,7 +87,7 @@ def evaluate(
     tasks: Words | None = None,
     exploration: object | None = None,
     episodes: int | None = None,
-    episodes_from: Sequence[str] = (),
+    episodes_from: str | Sequence[str] = (),
     seed: int | None = None,
     objects: Objects | None = None,
     without: Words | None = None,
@@ -131,7 +135,7 @@ def evaluate(
         None if tasks is None else words(tasks),
         episodes,
         seed,
-        episodes_from or (),
+        (episodes_from,) if isinstance(episodes_from, str) else episodes_from,
         conditions=parse_perturbation(words(without), words(perturb)),
         limits=isolated.limits,
         objects=objects,
@@ -171,6 +175,7 @@ def evaluate(
     return run
 
 
+@checked
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     """Compare runs, or their directories, episode by episode, each with the first one.
 
@@ -188,6 +193,7 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     return comparison
 
 
+@checked
 def load_run(path: StrPath) -> Run:
     """Read a finished run from its directory.
 
@@ -197,6 +203,7 @@ def load_run(path: StrPath) -> Run:
     return read_run(Path(path))
 
 
+@checked
 def train(
     task: str,
     method: str | None = None,
@@ -204,7 +211,7 @@ def train(
     seed: int | None = None,
     exploration_steps: int | None = None,
     task_steps: int | None = None,
-    objects: str | None = None,
+    objects: StrPath | None = None,
     without: Words | None = None,
     from_log: StrPath | None = None,
     preset: str = "default",
@@ -237,7 +244,7 @@ def train(
     given = {
         "method": method,
         "seed": seed,
-        "objects": objects,
+        "objects": objects if isinstance(objects, str | None) else str(Path(objects).absolute()),
         "without": parse_perturbation(words(without), ()).without or None,
         "dataset": None if from_log is None else str(from_log),
         "exploration": None if exploration_steps is None else {"steps": exploration_steps},

@@ -12,7 +12,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from minitouch_bench.files import write_file
-from minitouch_bench.json_io import whole
+from minitouch_bench.json_io import StrPath, checked, whole
 
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Seed = Annotated[int, Meta(ge=0)]
@@ -154,7 +154,8 @@ class EpisodePage:
     title: str
     html: str
 
-    def save(self, path: Path | str) -> Path:
+    @checked
+    def save(self, path: StrPath) -> Path:
         """Write the page, which opens offline.
 
         Raises:

@@ -27,7 +27,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.execution import resumable
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.json_io import write_toml
+from minitouch_bench.json_io import checked, write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
@@ -49,6 +49,7 @@ TRAINING_FILES = (
 """Patterns of the names in a training's directory."""
 
 
+@checked
 def run_training(
     config: TrainingConfig,
     directory: Path,
@@ -74,10 +75,13 @@ def run_training(
         raise UsageError("choose one of --resume and --fresh")
     chosen = choose_device(device)
     keep_freed_memory()
-    threads = torch.get_num_threads()
+    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
     with files.lock_directory(directory), ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
         torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+        stack.callback(torch.set_default_dtype, dtype)
+        torch.set_default_dtype(torch.float32)
+        stack.enter_context(torch.inference_mode(False))  # also ends no_grad of the caller
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:

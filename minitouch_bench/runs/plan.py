@@ -1,6 +1,5 @@
 """What a run plays: the plan that its header holds, and the episodes that follow from it."""
 
-import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -283,11 +282,8 @@ def make_plan(
     chosen = choose_episodes(episodes_from, known)
     if chosen and (tasks is not None or episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
-    try:
-        number = known.episodes_per_task if episodes is None else operator.index(episodes)
-        seed = known.seed if seed is None else operator.index(seed)
-    except TypeError as error:
-        raise UsageError("episodes and seed are whole numbers") from error
+    number = known.episodes_per_task if episodes is None else episodes
+    seed = known.seed if seed is None else seed
     if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     if not chosen and tasks is None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
+from minitouch_bench.json_io import checked
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
@@ -68,6 +69,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's form
 
+    @checked
     def __init__(
         self,
         task: str,
@@ -101,6 +103,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera = GrayCamera(spec.camera)
         self._renderer: HumanRenderer | None = None
 
+    @checked
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:

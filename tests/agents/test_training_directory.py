@@ -110,6 +110,18 @@ def test_a_fresh_training_that_is_refused_removes_nothing(prepared, changes, let
     assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
 
 
+def test_the_caller_s_settings_of_torch_change_nothing_and_stay(tmp_path, undisturbed):
+    torch.set_default_dtype(torch.float64)
+    try:
+        with torch.no_grad():
+            assert run_training(CONFIG, tmp_path / "run", device="cpu")
+            assert not torch.is_grad_enabled()
+        assert torch.get_default_dtype() is torch.float64
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert outcome(tmp_path / "run") == outcome(undisturbed)
+
+
 # A training that diverges
 
 DIVERGING = replace(
