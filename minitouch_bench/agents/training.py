@@ -58,6 +58,9 @@ class ProgressRow:
     seconds: float
 
 
+PHASES = ("exploration", "task")
+"""What a row's ``phase`` is."""
+
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
 
 
@@ -277,7 +280,7 @@ class Training:
     def _write_row(self, *, is_evaluated: bool) -> None:
         exploring = self._learner.exploring
         evaluation = self._evaluate(self._learner.actor(), not exploring) if is_evaluated else {}
-        phase = "exploration" if exploring else "task"
+        phase = PHASES[0 if exploring else 1]
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)
         self._callbacks.row(row)
@@ -345,17 +348,35 @@ def cut_rows(path: Path, step: int) -> None:
     """Drop the rows after a step, which will be written again, and the file with the last row.
 
     Raises:
-        RunDirectoryError: the file cannot be read, or a row has no step.
+        RunDirectoryError: the file cannot be read, or has a line that is not a row.
     """
     if not os.path.lexists(path):
         return
     try:
         lines = read_file(path).decode().splitlines(keepends=True)
-        rows = [line for line in lines[1:] if line.endswith("\n")]
-        kept = [row for row in rows if int(row.partition(",")[0]) <= step]
+        if lines and lines[-1][-1] != "\n":  # a kill left a part of it
+            lines.pop()
+        if lines and lines[0].split() != [",".join(COLUMNS)]:
+            raise ValueError("its first line does not name the columns")
+        kept = [line for line in lines[1:] if _step_of(line) <= step]
     except (OSError, ValueError) as error:
-        raise RunDirectoryError(f"{path} cannot be read: {error}") from error
+        advice = "Restore it, or remove it to resume without its rows"
+        raise RunDirectoryError(f"{path} cannot be read: {error}.\n{advice}") from error
     if kept:
         write_file(path, "".join([lines[0], *kept]))
     else:
         path.unlink()
+
+
+def _step_of(line: str) -> int:
+    """Return the control step of a row.
+
+    Raises:
+        ValueError: the line is not a row.
+    """
+    cells = dict(zip(COLUMNS, line.rstrip().split(","), strict=True))
+    if cells.pop("phase") not in PHASES:
+        raise ValueError(f"{line.rstrip()!a:.60} has no phase")
+    for cell in filter(None, cells.values()):
+        float(cell)
+    return int(cells["step"])

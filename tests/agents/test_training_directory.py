@@ -160,6 +160,40 @@ def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     assert file.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("success", "won"),
+        (",task,", ",play,"),
+        ("1.0\n", "1.0,2.0\n"),
+        ("1.0\n", "soon\n"),
+        ("5,", "inf,"),
+        ("\n5,", "\n,"),
+        ("5,task", "5\x00,task"),
+    ],
+)
+def test_rows_that_somebody_edited_are_refused_before_the_training_goes_on(tmp_path, old, new):
+    file = tmp_path / "progress.csv"
+    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(RunDirectoryError, match=r"progress\.csv"):
+        training.cut_rows(file, 5)
+
+
+def test_a_part_of_a_row_is_cut(tmp_path):
+    file = tmp_path / "progress.csv"
+    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
+    whole = file.read_text()
+    file.write_text(whole + "10,ta")
+    training.cut_rows(file, 10)
+    assert file.read_text() == whole
+    file.write_text(whole[:9])
+    training.cut_rows(file, 10)
+    assert not file.exists()
+
+
 LONGER = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=CONFIG.task_phase.steps + 5))
 
 
