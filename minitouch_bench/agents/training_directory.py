@@ -65,14 +65,19 @@ def run_training(
     "cuda".
 
     Raises:
-        UsageError: no such device, settings with which the training diverges, or both ``resume``
-            and ``fresh``.
+        UsageError: no such device, no control steps, settings with which the training diverges, or
+            both ``resume`` and ``fresh``.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
+    if not config.steps:
+        raise UsageError(
+            "both phases have 0 control steps, so that nothing would be learned: give "
+            "--exploration-steps or --task-steps"
+        )
     chosen = choose_device(device)
     keep_freed_memory()
     threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
