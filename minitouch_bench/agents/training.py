@@ -23,6 +23,7 @@ from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
+from minitouch_bench.runs.plan import PlannedObjects
 from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -147,6 +148,7 @@ class Training:
         features = kept_size(spec.action_size) if config.task_phase.keypoint_updates else 0
         self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
+        self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
         self._tally = Tally()
         self._observation: Observation
         self._episode = -1
@@ -313,11 +315,22 @@ class Training:
             "seconds": self._elapsed(),
             "tally": vars(self._tally),
             "learner": self._learner.state(),
+            "objects": self._objects,
         }
 
     def _resume(self) -> None:
-        """Load the checkpoint, and bring the world back by doing the episode's actions again."""
+        """Load the checkpoint, and bring the world back by doing the episode's actions again.
+
+        Raises:
+            RunDirectoryError: the checkpoint is damaged, or of a training with other objects.
+        """
         state = self._files.load(self._replay)
+        if state.get("objects", self._objects) != self._objects:
+            raise RunDirectoryError(
+                f"{self.config.objects} is not the set of objects with which the training in "
+                f"{self._directory} was begun.\n"
+                "Put that set there, or begin again with --fresh or another --output"
+            )
         with self._files.damage_named():
             self.step, self._episode = state["step"], state["episode"]
             self._seconds = state["seconds"]

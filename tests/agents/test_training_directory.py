@@ -10,6 +10,7 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents import replay, training
+from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
@@ -20,6 +21,7 @@ from minitouch_bench.errors import (
 )
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
+from tests.shapegen.conftest import subset
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +122,25 @@ def test_the_caller_s_settings_of_torch_change_nothing_and_stay(tmp_path, undist
     finally:
         torch.set_default_dtype(torch.float32)
     assert outcome(tmp_path / "run") == outcome(undisturbed)
+
+
+def test_a_training_is_not_resumed_with_other_objects(tmp_path):
+    config = replace(CONFIG, objects=str(subset(tmp_path / "set", 3)))
+    stop_at_once(tmp_path / "run", config)
+    (tmp_path / "set").rename(tmp_path / "away")
+    subset(tmp_path / "set", 4)
+    with pytest.raises(RunDirectoryError, match="not the set of objects"):
+        stop_at_once(tmp_path / "run", config)
+    shutil.rmtree(tmp_path / "set")
+    (tmp_path / "away").rename(tmp_path / "set")
+    stop_at_once(tmp_path / "run", config)
+
+
+def test_a_training_without_a_step_is_refused(tmp_path):
+    none = replace(CONFIG, exploration=PhaseConfig(0), task_phase=PhaseConfig(0))
+    with pytest.raises(UsageError, match="0 control steps"):
+        run_training(none, tmp_path / "run", device="cpu")
+    assert not (tmp_path / "run").exists()
 
 
 # A training that diverges
