@@ -63,7 +63,7 @@ def make(
     ``max_episode_steps``: by default the task's 200.
 
     Raises:
-        UsageError: the task, the objects or an option do not exist.
+        UsageError: there is no such task, or there are no such objects.
     """
     if max_episode_steps is not None and max_episode_steps < 1:
         raise UsageError("max_episode_steps is a number from 1 on")

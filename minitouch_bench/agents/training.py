@@ -387,9 +387,11 @@ def _step_of(line: str) -> int:
     Raises:
         ValueError: the line is not a row.
     """
-    cells = dict(zip(COLUMNS, line.rstrip().split(","), strict=True))
-    if cells.pop("phase") not in PHASES:
-        raise ValueError(f"{line.rstrip()!a:.60} has no phase")
-    for cell in filter(None, cells.values()):
-        float(cell)
-    return int(cells["step"])
+    try:
+        cells = dict(zip(COLUMNS, line.rstrip().split(","), strict=True))
+        PHASES.index(cells.pop("phase"))
+        for cell in filter(None, cells.values()):
+            float(cell)
+        return int(cells["step"])
+    except ValueError:
+        raise ValueError(f"{line.rstrip()[:60]!a} is not a row") from None
