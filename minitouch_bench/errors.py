@@ -192,9 +192,7 @@ def describe(error: BaseException) -> str:
     """
     try:
         message = str(error)
-    except KeyboardInterrupt:
-        raise
-    except BaseException:  # an exception of the policy's own can fail here too
+    except Exception:  # an exception of the policy's own can fail here too
         message = ""
     name, place = type(error).__name__, own_place(error)
     return plain_line(f"{name}: {message}" if message else name, MAX_TEXT - len(place)) + place

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import PolicyIdentity
-from minitouch_bench.errors import MissingExtraError, PolicyLoadError, UsageError, describe
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, UsageError, describe
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
@@ -212,12 +212,13 @@ def load_policy(source: PolicySource) -> Policy:
             what respect, and here the name of the file is added.
         MissingExtraError: an optional package of the format is not installed.
     """
+    loader = find_loader(source.kind)
     try:
-        return find_loader(source.kind)(source)
+        return loader(source)
     except PolicyLoadError as error:
         raise PolicyLoadError(f"{source.target}: {error}") from error
-    except (MissingExtraError, KeyboardInterrupt):
+    except MiniTouchError:
         raise
-    except BaseException as error:  # also what a foreign reader or a factory ends a program with
+    except Exception as error:  # whatever a foreign reader raises means: not loadable
         text = f"{source.target}: not a readable {source.kind} policy: {describe(error)}"
         raise PolicyLoadError(text) from error

@@ -313,36 +313,32 @@ class InProcessPolicy:
             part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
         self._policy = policy.load_policy(part)
+        self.warning = policy.warning_of(self._policy)
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         seed_everything(seed)
-        with _own_faults():
-            self.warning = policy.warning_of(self._policy)
+        try:
             self._policy.reset(seed, task)
+        except Exception as error:
+            raise errors.PolicyRaisedError(errors.describe(error)) from error
 
     def act(self, observation: policy.Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}
-        with _own_faults():
-            return fit_action(self._policy.act(copied), self._size)
+        try:
+            raw = self._policy.act(copied)
+        except errors.PolicyFaultError:
+            raise
+        except Exception as error:
+            raise errors.PolicyRaisedError(errors.describe(error)) from error
+        return fit_action(raw, self._size)
 
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
         ended, self._policy = self._policy, None
-        with contextlib.suppress(errors.PolicyFaultError), _own_faults():
+        with contextlib.suppress(Exception):
             policy.close_policy(ended)
-
-
-@contextlib.contextmanager
-def _own_faults() -> Iterator[None]:
-    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too."""
-    try:
-        yield
-    except (errors.PolicyFaultError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise errors.PolicyRaisedError(errors.describe(error)) from error
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:

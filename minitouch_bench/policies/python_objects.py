@@ -89,9 +89,9 @@ def keep_in_memory(policy: object) -> PolicySource:
     """
     try:
         content = cloudpickle.dumps(_acting_part(policy))
-    except (PolicyLoadError, KeyboardInterrupt):
+    except PolicyLoadError:
         raise
-    except BaseException as error:  # whatever an object raises when it is pickled
+    except Exception as error:  # whatever an object raises when it is pickled
         raise PolicyLoadError(
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
             f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"

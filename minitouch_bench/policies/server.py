@@ -120,7 +120,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
             status, answer = error.args[0], {"error": error.args[1]}
         except wire.WireError as error:
             status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
-        except BaseException as error:  # the policy's own failure is for the evaluation to show
+        except Exception as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
         content = json.dumps(answer).encode()
         self.send_response(status)
