@@ -64,7 +64,8 @@ class PlannedObjects:
         """Return the objects that a user names.
 
         Raises:
-            UsageError: there are no such objects, or they are of several sets.
+            UsageError: there are no such objects, they are of several sets, or their set has been
+                changed since it was read.
         """
         if chosen == CUBE:
             return cls(CUBE, (CUBE,), "", "")
@@ -73,6 +74,8 @@ class PlannedObjects:
         if len(folders) > 1:
             raise UsageError("the objects of a run are shapes of one set, not of several")
         known = manifest.load_shape_set(*folders)
+        if not {*shapes} <= {*known.shapes}:
+            raise UsageError(f"{known.path} has been changed since its shapes were read")
         source = chosen if isinstance(chosen, str) else str(known.path)
         name, names = Path(source).resolve().name, tuple(shape.name for shape in shapes)
         if shapes != known.shapes and not isinstance(chosen, str | manifest.ShapeSet):
