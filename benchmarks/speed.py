@@ -77,7 +77,7 @@ def measure_steps(task: str, seed: int) -> Run:
     environment.client.drive_joints, environment.client.step = drive, step
 
     environment.reset(seed=seed)
-    client_id = environment.client._id
+    client_id = environment.client._bullet.id
     start = time.perf_counter()
     for arguments, ticks in calls:
         drive(*arguments)

@@ -67,7 +67,10 @@ class RandomPlay:
 
 def deepest(environment: MiniTouchEnv) -> float:
     """Return the deepest penetration (m) of the arm or the object, in any body but the base's."""
-    client, bodies = environment.client._id, (environment.arm.body, environment.task.target_body)
+    client, bodies = (
+        environment.client._bullet.id,
+        (environment.arm.body, environment.task.target_body),
+    )
     points = [
         point
         for body in bodies
@@ -146,7 +149,7 @@ def play(environment: MiniTouchEnv, count: int) -> str:
                     environment.arm.body,
                     environment.task.target_body,
                     linkIndexA=finger,
-                    physicsClientId=client._id,
+                    physicsClientId=client._bullet.id,
                 )
                 found.deepest = max(found.deepest, *(-point[8] for point in points), 0.0)
         episodes.append(Felt(np.array(forces), np.array(touched), np.array(both)))

@@ -35,6 +35,7 @@ if (
     signal.signal(signal.SIGINT, _end_loading)
 
 import gymnasium  # noqa: E402
+from gymnasium.envs.registration import WrapperSpec  # noqa: E402
 
 from minitouch_bench.protocol.minitouch import PROTOCOL  # noqa: E402
 
@@ -86,6 +87,9 @@ for _task in PROTOCOL.tasks:
         gymnasium.register(
             _task.gym_id,
             entry_point="minitouch_bench.tasks.environment:MiniTouchEnv",
-            max_episode_steps=_task.max_steps,
-            kwargs={"task": _task.name},
+            max_episode_steps=_task.max_steps,  # Gymnasium's limit is the only one
+            kwargs={"task": _task.name, "max_steps": sys.maxsize},
+            additional_wrappers=(
+                WrapperSpec("EpisodeEnd", "minitouch_bench.tasks.environment:EpisodeEnd", {}),
+            ),
         )

@@ -26,7 +26,7 @@ from minitouch_bench.evaluation.execution import (
     resumable,
 )
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.json_io import StrPath, Words, take_table, words
+from minitouch_bench.json_io import StrPath, Words, checked, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.formats import BUILT_IN
@@ -41,6 +41,8 @@ from minitouch_bench.verification.filming import film_run, require_video, show_e
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
+else:
+    TrainingCallbacks = object  # its module imports torch; ``run_training`` checks its type
 
 __all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "replay", "train"]
 
@@ -50,19 +52,41 @@ AUTO_OUTPUT = "auto"
 TRAININGS = files.REPORTS / "training"
 
 
-def make(task: str, objects: Objects | None = None, **options: Any) -> gymnasium.Env[Any, Any]:
+@checked
+def make(
+    task: str,
+    objects: Objects | None = None,
+    render_mode: str | None = None,
+    *,
+    width: int = 240,
+    height: int = 240,
+    max_episode_steps: int | None = None,
+    disable_env_checker: bool | None = None,
+) -> gymnasium.Env[Any, Any]:
     """Return the Gymnasium environment of a task, named as on the command line.
 
     ``objects``: "cube", a split of the shape set ("train", "held-out", "all"), names of shapes,
-    shapes of a set, or a whole set of your own or its folder; by default the task's. The other
-    options are those of ``gymnasium.make``, such as ``render_mode="rgb_array"``.
+    shapes of a set, or a whole set of your own or its folder; by default the task's.
+    ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
+    ``max_episode_steps``: by default the task's 200.
 
     Raises:
-        UsageError: the task or the objects do not exist.
+        UsageError: there is no such task, or there are no such objects.
     """
-    return gymnasium.make(PROTOCOL.task(task).gym_id, objects=objects, **options)
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise UsageError("max_episode_steps is a number from 1 on")
+    return gymnasium.make(
+        PROTOCOL.task(task).gym_id,
+        max_episode_steps,
+        disable_env_checker,
+        objects=objects,
+        render_mode=render_mode,
+        width=width,
+        height=height,
+    )
 
 
+@checked
 def evaluate(
     policy: object,
     suite: str = PROTOCOL.suites[0].name,
@@ -71,7 +95,7 @@ def evaluate(
     tasks: Words | None = None,
     exploration: object | None = None,
     episodes: int | None = None,
-    episodes_from: Sequence[str] = (),
+    episodes_from: str | Sequence[str] = (),
     seed: int | None = None,
     objects: Objects | None = None,
     without: Words | None = None,
@@ -126,7 +150,7 @@ def evaluate(
         None if tasks is None else words(tasks),
         episodes,
         seed,
-        episodes_from or (),
+        (episodes_from,) if isinstance(episodes_from, str) else episodes_from,
         conditions=parse_perturbation(words(without), words(perturb)),
         limits=isolated.limits,
         objects=objects,
@@ -167,6 +191,7 @@ def evaluate(
     return run
 
 
+@checked
 def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     """Compare runs, or their directories, episode by episode, each with the first one.
 
@@ -184,6 +209,7 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     return comparison
 
 
+@checked
 def load_run(path: StrPath) -> Run:
     """Read a finished run from its directory.
 
@@ -193,6 +219,7 @@ def load_run(path: StrPath) -> Run:
     return read_run(Path(path))
 
 
+@checked
 def replay(run: Run | StrPath, episode: str) -> EpisodePage:
     """Replay an episode of a run, called as "pushing/17", without its policy.
 
@@ -205,6 +232,7 @@ def replay(run: Run | StrPath, episode: str) -> EpisodePage:
     return show_episode(run if isinstance(run, Run) else read_run(Path(run)), episode)
 
 
+@checked
 def train(
     task: str,
     method: str | None = None,
@@ -212,7 +240,7 @@ def train(
     seed: int | None = None,
     exploration_steps: int | None = None,
     task_steps: int | None = None,
-    objects: str | None = None,
+    objects: StrPath | None = None,
     without: Words | None = None,
     from_log: StrPath | None = None,
     preset: str = "default",
@@ -245,7 +273,7 @@ def train(
     given = {
         "method": method,
         "seed": seed,
-        "objects": objects,
+        "objects": objects if isinstance(objects, str | None) else str(Path(objects).absolute()),
         "without": parse_perturbation(words(without), ()).without or None,
         "dataset": None if from_log is None else str(from_log),
         "exploration": None if exploration_steps is None else {"steps": exploration_steps},

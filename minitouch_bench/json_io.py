@@ -1,17 +1,21 @@
-"""JSON and TOML as typed records: one reader and one writer.
+"""JSON and TOML as typed records, with one reader and one writer; and a call's typed arguments.
 
 msgspec rather than pydantic, by measurement: every worker imports the types, in 25 ms of CPU
 against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 episodes is read in
 2.7 ms against 4.0 ms. What pydantic does better: it lists all faults, msgspec stops at the first.
 """
 
+import inspect
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
+from functools import wraps
+from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from types import GenericAlias, UnionType
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import tomli_w
@@ -20,6 +24,7 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import KIB, os_errors_as, read_file
 
 Document = TypeVar("Document")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 StrPath = str | PathLike[str]
 Words = str | Sequence[str]
@@ -215,3 +220,68 @@ def whole_numbers(option: str, given: str | None) -> tuple[int, ...]:
         if not re.fullmatch("[0-9]{1,15}", word):
             raise UsageError(f"{option} is a list of whole numbers, not '{word}'")
     return tuple(map(int, numbers))
+
+
+def checked(function: Function) -> Function:
+    """Make a function that users call refuse arguments of other types than its annotations.
+
+    Numbers of other kinds, such as NumPy's, are passed on as Python's.
+
+    Raises (the function that is returned):
+        UsageError: an argument is unknown, missing or of another type.
+    """
+    name = function.__qualname__.removesuffix(".__init__")
+    signature, kinds = inspect.signature(function), get_type_hints(function)
+    for parameter in signature.parameters.values():
+        if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
+            kinds[parameter.name] = GenericAlias(Sequence, (kinds[parameter.name],))
+
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        try:
+            bound = signature.bind(*arguments, **options)
+        except TypeError as error:
+            known = ", ".join(one for one in signature.parameters if one != "self")
+            raise UsageError(f"{name}: {error}; its arguments are {known}") from error
+        for argument, value in bound.arguments.items():
+            kind = kinds.get(argument, object)
+            if not _fits(value, kind):
+                what = f"expected {_type_name(kind)}, got {_type_name(type(value), value)}"
+                raise UsageError(f"{name}: {argument}: {what}")
+            bound.arguments[argument] = _as_plain_number(value)
+        return function(*bound.args, **bound.kwargs)
+
+    return cast(Function, call)
+
+
+NUMBERS: Mapping[type, type] = {int: Integral, float: Real}
+"""What is accepted as a number of each kind."""
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Tell whether a value has an annotated type; a list's elements are looked at as well."""
+    if kind is Any:
+        return True
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if kind in NUMBERS:
+        return isinstance(value, NUMBERS[kind]) and not isinstance(value, bool)
+    if origin is Sequence:
+        is_list = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        return is_list and all(_fits(one, parts[0]) for one in value)
+    return isinstance(value, origin or kind)
+
+
+def _type_name(kind: Any, value: Any = None) -> str:
+    """Return how a type is written, without modules; of a list's own type with its elements'."""
+    if isinstance(value, list | tuple):
+        return f"{kind.__name__}[{', '.join(sorted({type(one).__name__ for one in value}))}]"
+    return re.sub(r"\b\w+\.", "", str(kind)) if get_args(kind) else kind.__name__
+
+
+def _as_plain_number(value: Any) -> Any:
+    """Return Python's own number in place of another one; anything else as it is."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    return int(value) if isinstance(value, Integral) else float(value)

@@ -20,8 +20,9 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
 
     What is as usual is not written to ``run.json``, so a new condition changes no stored run.
 
-    A sense in ``without`` stays as it is at the reset. ``noise`` (gray levels) and
-    ``force_noise`` (N) are standard deviations of normal noise on each pixel and each force.
+    A sense in ``without`` stays as it is at the reset, and so gets no noise. ``noise`` (gray
+    levels) and ``force_noise`` (N) are standard deviations of normal noise on each pixel and each
+    force; the sum is clipped to the observation's range.
     The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the
     ``friction`` of the object or the door, and the degrees by which the ``camera`` is turned
     around what it looks at.
@@ -40,6 +41,10 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
             raise ValueError(f"senses are {', '.join(SENSES)}, each once and in this order")
+        for name, senses in _NOISY.items():
+            if getattr(self, name) and (frozen := senses.intersection(self.without)):
+                what = f"{_spelled(name)} changes a sense that stays as at the reset"
+                raise ValueError(f"{what}: leave it out, or leave out --without {min(frozen)}")
         for name, (least, most, unit) in _ALLOWED.items():
             low, high = _as_range(getattr(self, name))
             if not least <= low <= high <= most:
@@ -54,7 +59,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def change_the_forces(self) -> bool:
         """Whether a policy is given other forces than those of its fingers."""
-        return bool({"touch", "forces"}.intersection(self.without) or self.force_noise)
+        return bool(_NOISY["force_noise"].intersection(self.without) or self.force_noise)
 
     def draw(self, rng: np.random.Generator) -> tuple[float, float, float]:
         """Draw one episode's factors on mass and friction, and the degrees of its camera."""
@@ -92,6 +97,12 @@ _ALLOWED: Mapping[str, tuple[float, float, str]] = {
     "camera": (-180.0, 180.0, "degrees"),
 }
 """The least and the greatest value of each change, and their unit."""
+
+_NOISY: Mapping[str, frozenset[Sense]] = {
+    "noise": frozenset({"vision"}),
+    "force_noise": frozenset({"touch", "forces"}),
+}
+"""The senses that each kind of noise is added to."""
 
 
 def _as_range(value: float | Range) -> Range:

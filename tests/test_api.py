@@ -22,8 +22,10 @@ from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
+from minitouch_bench.shapegen.manifest import load_shape_set
 from tests.altered import ROOT
 from tests.process_tree import run_python
+from tests.shapegen.conftest import subset
 
 SHORT = {"suite": "smoke", "tasks": ["opening"], "episodes": 1}
 """One episode, of the task that is simulated fastest."""
@@ -206,6 +208,64 @@ def test_lists_and_workers_are_written_as_on_the_command_line(counted):
 def test_wrong_options_are_refused(option, word):
     with pytest.raises(UsageError, match=word):
         mt.evaluate("zero", **option)
+
+
+@pytest.mark.parametrize(
+    ("call", "options", "word"),
+    [
+        (mt.evaluate, {"act_timeout": "5"}, "act_timeout"),
+        (mt.evaluate, {"name": 5}, "name"),
+        (mt.evaluate, {"callbacks": None}, "callbacks"),
+        (mt.evaluate, {"callbacks": Callbacks}, "callbacks"),
+        (mt.evaluate, {"episodes": True}, "episodes"),
+        (mt.evaluate, {"tasks": ["pushing", 5]}, "tasks"),
+        (mt.evaluate, {"output": 5}, "output"),
+        (mt.evaluate, {"steps": 5}, "steps"),
+        (mt.make, {"width": "a"}, "width"),
+        (mt.make, {"max_steps": 300}, "max_steps"),
+        (mt.make, {"objects": [3]}, "objects"),
+        (mt.train, {"callbacks": 5}, "callbacks"),
+        (mt.train, {"config": 5}, "config"),
+        (mt.train, {"seed": "3"}, "seed"),
+    ],
+)
+def test_an_argument_that_there_is_not_or_of_another_type_is_refused(
+    call, options, word, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=word):
+        call("pushing", **options)
+
+
+@pytest.mark.parametrize("call", [mt.load_run, mt.compare, mt.make, mt.train])
+def test_nothing_is_neither_a_run_nor_a_task(call):
+    with pytest.raises(UsageError, match="NoneType"):
+        call(None)
+    if call is not mt.compare:
+        with pytest.raises(UsageError, match="missing"):
+            call()
+
+
+def test_a_class_in_place_of_its_object_is_refused():
+    with pytest.raises(PolicyLoadError, match="class"):
+        mt.evaluate(Counter, **SHORT)
+
+
+def test_numbers_of_numpy_and_one_name_of_episodes_are_taken():
+    options = {"seed": np.int64(3), "act_timeout": np.float32(2), "video": np.uint8(0)}
+    run = mt.evaluate("zero", "smoke", episodes_from="opening/3", workers=np.int64(1), **options)
+    assert list(run.episodes["index"]) == [3]
+    assert (run.plan.seed, run.plan.limits.act_timeout_s) == (3, 2.0)
+
+
+def test_a_set_of_objects_can_be_a_path(tmp_path):
+    folder = subset(tmp_path / "train", 3)
+    names = [shape.name for shape in load_shape_set(folder).shapes]
+    run = mt.evaluate("zero", "smoke", tasks="playing", episodes=1, objects=folder)
+    assert list(run.episodes["shape"]) == names[:1]
+    environment = mt.make("playing", objects=folder)
+    assert list(environment.unwrapped._pool.names) == names
+    environment.close()
 
 
 def test_a_training_s_callbacks_are_not_given_up_for_its_progress():

@@ -7,10 +7,10 @@ from minitouch_bench.protocol.minitouch import PROTOCOL, PolicyLimits
 
 
 def test_conditions_are_read_as_they_are_typed():
-    found = parse_perturbation(["vision", "touch"], ["mass=2", "camera=-5:5", "force-noise=3"])
-    assert found == Perturbation(
-        without=("touch", "vision"), mass=(2.0, 2.0), camera=(-5.0, 5.0), force_noise=3.0
-    )
+    found = parse_perturbation(["vision", "touch"], ["mass=2", "camera=-5:5"])
+    assert found == Perturbation(without=("touch", "vision"), mass=(2.0, 2.0), camera=(-5.0, 5.0))
+    found = parse_perturbation(["vision"], ["force-noise=3"])
+    assert found == Perturbation(without=("vision",), force_noise=3.0)
     assert parse_perturbation([], []) == UNPERTURBED
 
 
@@ -24,6 +24,9 @@ def test_conditions_are_read_as_they_are_typed():
         ([], ["mass=2:1"], "mass is 0.01 to 100 times, the smaller value first"),
         ([], ["mass=2", "mass=3"], "'mass' is given twice"),
         ([], ["noise=-1"], "noise is 0 to 255 gray levels"),
+        (["vision"], ["noise=1"], "--without vision"),
+        (["forces"], ["force-noise=1"], "--without forces"),
+        (["touch"], ["force-noise=1"], "--without touch"),
     ],
 )
 def test_what_means_nothing_is_refused(without, changes, says):

@@ -6,7 +6,6 @@ had: what a later kill left behind that is cut off.
 """
 
 import io
-import math
 import os
 import zipfile
 import zlib
@@ -233,10 +232,7 @@ class Replay:
         return images
 
     def _unpack(self, content: bytes) -> NDArray[np.uint8]:
-        # At most a byte too many: a stranger's file could unpack to any size.
-        most = math.prod(self._image_shape) + 1
-        plain = zlib.decompressobj().decompress(content, most)
-        return np.frombuffer(plain, np.uint8).reshape(self._image_shape)
+        return np.frombuffer(zlib.decompress(content), np.uint8).reshape(self._image_shape)
 
     def state(self) -> dict[str, Any]:
         """Return everything but the images."""
@@ -344,10 +340,12 @@ class CheckpointFiles:
             RunDirectoryError: the checkpoint is missing, damaged or of another version.
         """
         with self.damage_named():
-            with zipfile.ZipFile(self._file) as archive:
-                if (part := archive.testzip()) is not None:  # torch does not check the sums
-                    raise ValueError(f"its part {part} is damaged")
-            state: dict[str, Any] = torch.load(self._file, map_location="cpu", weights_only=True)
+            with os.fdopen(open_plain(self._file, os.O_RDONLY), "rb") as file:
+                with zipfile.ZipFile(file) as archive:
+                    if (part := archive.testzip()) is not None:  # torch does not check the sums
+                        raise ValueError(f"its part {part} is damaged")
+                file.seek(0)
+                state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
             if (version := state.pop("version", None)) != CHECKPOINT_VERSION:
                 raise ValueError(f"it has version {version}, not {CHECKPOINT_VERSION}: train again")
             self._length = state.pop("images")

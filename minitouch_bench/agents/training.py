@@ -23,6 +23,7 @@ from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
+from minitouch_bench.runs.plan import PlannedObjects
 from minitouch_bench.simulation.observation import FORCES, Observation
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -57,6 +58,9 @@ class ProgressRow:
     evaluation_touch_share: float | None = None
     seconds: float
 
+
+PHASES = ("exploration", "task")
+"""What a row's ``phase`` is."""
 
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
 
@@ -144,6 +148,7 @@ class Training:
         features = kept_size(spec.action_size) if config.task_phase.keypoint_updates else 0
         self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
+        self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
         self._tally = Tally()
         self._observation: Observation
         self._episode = -1
@@ -277,7 +282,7 @@ class Training:
     def _write_row(self, *, is_evaluated: bool) -> None:
         exploring = self._learner.exploring
         evaluation = self._evaluate(self._learner.actor(), not exploring) if is_evaluated else {}
-        phase = "exploration" if exploring else "task"
+        phase = PHASES[0 if exploring else 1]
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
         append_row(self._directory / PROGRESS_FILE, row)
         self._callbacks.row(row)
@@ -310,11 +315,22 @@ class Training:
             "seconds": self._elapsed(),
             "tally": vars(self._tally),
             "learner": self._learner.state(),
+            "objects": self._objects,
         }
 
     def _resume(self) -> None:
-        """Load the checkpoint, and bring the world back by doing the episode's actions again."""
+        """Load the checkpoint, and bring the world back by doing the episode's actions again.
+
+        Raises:
+            RunDirectoryError: the checkpoint is damaged, or of a training with other objects.
+        """
         state = self._files.load(self._replay)
+        if state.get("objects", self._objects) != self._objects:
+            raise RunDirectoryError(
+                f"{self.config.objects} is not the set of objects with which the training in "
+                f"{self._directory} was begun.\n"
+                "Put that set there, or begin again with --fresh or another --output"
+            )
         with self._files.damage_named():
             self.step, self._episode = state["step"], state["episode"]
             self._seconds = state["seconds"]
@@ -345,17 +361,37 @@ def cut_rows(path: Path, step: int) -> None:
     """Drop the rows after a step, which will be written again, and the file with the last row.
 
     Raises:
-        RunDirectoryError: the file cannot be read, or a row has no step.
+        RunDirectoryError: the file cannot be read, or has a line that is not a row.
     """
     if not os.path.lexists(path):
         return
     try:
         lines = read_file(path).decode().splitlines(keepends=True)
-        rows = [line for line in lines[1:] if line.endswith("\n")]
-        kept = [row for row in rows if int(row.partition(",")[0]) <= step]
+        if lines and lines[-1][-1] != "\n":  # a kill left a part of it
+            lines.pop()
+        if lines and lines[0].split() != [",".join(COLUMNS)]:
+            raise ValueError("its first line does not name the columns")
+        kept = [line for line in lines[1:] if _step_of(line) <= step]
     except (OSError, ValueError) as error:
-        raise RunDirectoryError(f"{path} cannot be read: {error}") from error
+        advice = "Restore it, or remove it to resume without its rows"
+        raise RunDirectoryError(f"{path} cannot be read: {error}.\n{advice}") from error
     if kept:
         write_file(path, "".join([lines[0], *kept]))
     else:
         path.unlink()
+
+
+def _step_of(line: str) -> int:
+    """Return the control step of a row.
+
+    Raises:
+        ValueError: the line is not a row.
+    """
+    try:
+        cells = dict(zip(COLUMNS, line.rstrip().split(","), strict=True))
+        PHASES.index(cells.pop("phase"))
+        for cell in filter(None, cells.values()):
+            float(cell)
+        return int(cells["step"])
+    except ValueError:
+        raise ValueError(f"{line.rstrip()[:60]!a} is not a row") from None

@@ -27,7 +27,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.execution import resumable
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.json_io import write_toml
+from minitouch_bench.json_io import checked, write_toml
 from minitouch_bench.machine import require
 from minitouch_bench.policies.native import NativePolicy
 from minitouch_bench.policies.networks import TouchActor
@@ -49,6 +49,7 @@ TRAINING_FILES = (
 """Patterns of the names in a training's directory."""
 
 
+@checked
 def run_training(
     config: TrainingConfig,
     directory: Path,
@@ -64,20 +65,28 @@ def run_training(
     "cuda".
 
     Raises:
-        UsageError: no such device, settings with which the training diverges, or both ``resume``
-            and ``fresh``.
+        UsageError: no such device, no control steps, settings with which the training diverges, or
+            both ``resume`` and ``fresh``.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
+    if not config.steps:
+        raise UsageError(
+            "both phases have 0 control steps, so that nothing would be learned: give "
+            "--exploration-steps or --task-steps"
+        )
     chosen = choose_device(device)
     keep_freed_memory()
-    threads = torch.get_num_threads()
+    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
     with files.lock_directory(directory), ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
         torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+        stack.callback(torch.set_default_dtype, dtype)
+        torch.set_default_dtype(torch.float32)
+        stack.enter_context(torch.inference_mode(False))  # also ends no_grad of the caller
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:

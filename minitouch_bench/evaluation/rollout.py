@@ -83,10 +83,14 @@ class EpisodeRunner:
 
 
 class AlteredSenses:
-    """What a policy senses in one episode, with senses frozen and noise added."""
+    """What a policy senses in one episode, with senses frozen and noise added.
 
-    def __init__(self, perturbation: Perturbation, seed: int) -> None:
+    Forces stay within ``force_limit`` (N), as the observation space promises.
+    """
+
+    def __init__(self, perturbation: Perturbation, seed: int, force_limit: float) -> None:
         self._perturbation = perturbation
+        self._force_limit = force_limit
         self._rng = senses_generator(seed)
         self._first: Observation | None = None
 
@@ -106,7 +110,8 @@ class AlteredSenses:
             image = noisy.round().clip(0, 255).astype(np.uint8)
         if self._perturbation.force_noise:
             forces = touch[FORCES]
-            touch[FORCES] += self._rng.normal(0.0, self._perturbation.force_noise, forces.shape)
+            forces += self._rng.normal(0.0, self._perturbation.force_noise, forces.shape)
+            forces.clip(-self._force_limit, self._force_limit, out=forces)
         return {"image": image, "touch": touch}
 
 
@@ -120,7 +125,8 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
     observation, info = environment.reset(seed=spec.seed, options={OBJECT: spec.shape})
     start = environment.start()
     touch, infos, rewards = [observation["touch"]], [info], []
-    senses = AlteredSenses(environment.perturbation, spec.seed)
+    limit = environment.task.spec.force_limit
+    senses = AlteredSenses(environment.perturbation, spec.seed, limit)
     outcome, fault, is_late = None, "", False
     try:
         policy.reset(spec.policy_seed, spec.task)

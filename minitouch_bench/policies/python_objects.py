@@ -146,8 +146,11 @@ def _acting_part(policy: object) -> Any:
     """Return what acts: of a model of Stable-Baselines3 its policy; a module as a copy on the CPU.
 
     Raises:
-        PolicyLoadError: it is neither of them and has no ``act``.
+        PolicyLoadError: it is neither of them and has no ``act``, or is a class.
     """
+    if isinstance(policy, type):
+        name = policy.__name__
+        raise PolicyLoadError(f"{name} is a class, not a policy: give an object of it, {name}()")
     if _has_act(policy):
         return policy
     module, sb3 = policy, sys.modules.get("stable_baselines3.common.base_class")

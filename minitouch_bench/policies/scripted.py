@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from minitouch_bench.policies.policy import Observation
 from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, PUSHING
-from minitouch_bench.protocol.spec import CUBE
 from minitouch_bench.shapegen.grips import plan_grasp
 from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -239,7 +238,7 @@ class PushingController(Controller):
     def __init__(self, environment: MiniTouchEnv) -> None:
         super().__init__(environment)
         self._task = cast(Pushing, environment.task)
-        self._heavy = self._task.model.name == CUBE
+        self._heavy = self._task.model.is_task_cube
         self._ahead: Vector = np.zeros(2)
         """The direction of the push, (0, 0) before it is chosen."""
         self._pushes = 0

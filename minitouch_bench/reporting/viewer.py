@@ -17,6 +17,7 @@ from PIL import Image
 from minitouch_bench.episode import Film, Outcome
 from minitouch_bench.errors import numbered, printable
 from minitouch_bench.files import write_file
+from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
@@ -162,7 +163,8 @@ class EpisodePage:
     title: str
     html: str
 
-    def save(self, path: Path | str) -> Path:
+    @checked
+    def save(self, path: StrPath) -> Path:
         """Write the page, which opens offline.
 
         Raises:

@@ -1,6 +1,5 @@
 """What a run plays: the plan that its header holds, and the episodes that follow from it."""
 
-import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -65,7 +64,8 @@ class PlannedObjects:
         """Return the objects that a user names.
 
         Raises:
-            UsageError: there are no such objects, or they are of several sets.
+            UsageError: there are no such objects, they are of several sets, or their set has been
+                changed since it was read.
         """
         if chosen == CUBE:
             return cls(CUBE, (CUBE,), "", "")
@@ -74,6 +74,8 @@ class PlannedObjects:
         if len(folders) > 1:
             raise UsageError("the objects of a run are shapes of one set, not of several")
         known = manifest.load_shape_set(*folders)
+        if not {*shapes} <= {*known.shapes}:
+            raise UsageError(f"{known.path} has been changed since its shapes were read")
         source = chosen if isinstance(chosen, str) else str(known.path)
         name, names = Path(source).resolve().name, tuple(shape.name for shape in shapes)
         if shapes != known.shapes and not isinstance(chosen, str | manifest.ShapeSet):
@@ -283,11 +285,8 @@ def make_plan(
     chosen = choose_episodes(episodes_from, known)
     if chosen and (tasks is not None or episodes is not None):
         raise UsageError("--episodes-from names tasks and episodes: leave out --tasks, --episodes")
-    try:
-        number = known.episodes_per_task if episodes is None else operator.index(episodes)
-        seed = known.seed if seed is None else operator.index(seed)
-    except TypeError as error:
-        raise UsageError("episodes and seed are whole numbers") from error
+    number = known.episodes_per_task if episodes is None else episodes
+    seed = known.seed if seed is None else seed
     if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     if not chosen and tasks is None:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +29,7 @@ from minitouch_bench.files import (
     read_file,
     replace_file,
 )
-from minitouch_bench.json_io import fault_in_words, whole
+from minitouch_bench.json_io import StrPath, fault_in_words, whole
 from minitouch_bench.protocol.spec import CUBE, Split, content_digest
 from minitouch_bench.shapegen.body_codec import (
     Body,
@@ -175,7 +176,7 @@ class ShapeSet:
         raise UsageError(f"shape set '{self.name}' has no shape '{name}'")
 
 
-Objects = str | Sequence[str] | Sequence[Shape] | ShapeSet
+Objects = StrPath | Sequence[str | Shape] | ShapeSet
 """What objects can be named by: "cube", a split, a set or its folder, or a list of shapes."""
 
 ALL = "all"
@@ -239,6 +240,8 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
     """
     if isinstance(chosen, ShapeSet):
         return chosen.shapes
+    if isinstance(chosen, PathLike):
+        return load_shape_set(Path(chosen)).shapes
     if isinstance(chosen, str):
         if chosen in (ALL, *Split):
             canonical = canonical_shape_set()
@@ -250,8 +253,8 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
                 "lists of shapes"
             )
         return load_shape_set(chosen).shapes
-    if not isinstance(chosen, Sequence) or not chosen:
-        raise UsageError(f"no objects {chosen!r}; give a name, a list of shapes, or a shape set")
+    if not chosen:
+        raise UsageError("the list of objects is empty: name a shape")
     return tuple(
         item if isinstance(item, Shape) else canonical_shape_set().by_name(item) for item in chosen
     )

@@ -3,6 +3,7 @@
 import math
 import os
 import sys
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -129,28 +130,46 @@ ANY_LINK = -2
 
 
 class _OneWorld:
-    """PyBullet's functions for one world; ``bullet_client`` has PyBullet print a line to stdout."""
+    """PyBullet's functions for one world; ``bullet_client`` has PyBullet print a line to stdout.
 
-    def __init__(self, world: int) -> None:
-        self._world = world
+    The world is freed when it is closed or no longer used.
+    """
+
+    def __init__(self) -> None:
+        self._id: int = pybullet.connect(pybullet.DIRECT)
+        self._free = weakref.finalize(self, pybullet.disconnect, self._id)
+        self._free.atexit = False  # the process takes its memory with it
+
+    @property
+    def id(self) -> int:
+        """PyBullet's number of the world.
+
+        Raises:
+            UsageError: the world is closed; PyBullet then gives its number to another one.
+        """
+        if self._id < 0:
+            raise UsageError("the environment is closed: make another one")
+        return self._id
+
+    def close(self) -> None:
+        """Free the world."""
+        self._id = -1
+        self._free()
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        return partial(getattr(pybullet, name), physicsClientId=self._world)
+        return partial(getattr(pybullet, name), physicsClientId=self.id)
 
 
 class PhysicsClient:
     """A private PyBullet world without a window; several can live in one process."""
 
     def __init__(self) -> None:
-        self._id: int = pybullet.connect(pybullet.DIRECT)
-        self._bullet = _OneWorld(self._id)
+        self._bullet = _OneWorld()
         self.reset_world()
 
     def close(self) -> None:
-        """Disconnect; a closed client cannot be used again."""
-        if self._id >= 0:
-            self._bullet.disconnect()
-            self._id = -1
+        """Free the world; a closed client cannot be used again."""
+        self._bullet.close()
 
     def reset_world(self) -> None:
         """Empty the world. Loading the same bodies in the same order after it is bit-identical.
@@ -165,7 +184,7 @@ class PhysicsClient:
 
     def step(self) -> None:
         """Advance one tick of 1/240 s."""
-        pybullet.stepSimulation(self._id)
+        pybullet.stepSimulation(self._bullet.id)
 
     # Bodies
 
@@ -296,11 +315,11 @@ class PhysicsClient:
     def link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame as of the last tick."""
         # Positional arguments: this and ``contacts`` run every tick, and keywords cost a third.
-        return pybullet.getLinkState(body, link, 0, 0, self._id)[4]
+        return pybullet.getLinkState(body, link, 0, 0, self._bullet.id)[4]
 
     def placed_link_position(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the position (m) of a link's frame after joints were placed without a tick."""
-        return pybullet.getLinkState(body, link, 0, 1, self._id)[4]
+        return pybullet.getLinkState(body, link, 0, 1, self._bullet.id)[4]
 
     def inverse_kinematics(
         self, body: int, link: int, position: Vector, orientation: Vector, movable: int
@@ -321,7 +340,7 @@ class PhysicsClient:
 
     def contacts(self, body_a: int, body_b: int) -> list[Contact]:
         """Return the contact points of the last tick between two bodies."""
-        points = pybullet.getContactPoints(body_a, body_b, ANY_LINK, ANY_LINK, self._id)
+        points = pybullet.getContactPoints(body_a, body_b, ANY_LINK, ANY_LINK, self._bullet.id)
         return [Contact(point[3], point[4], point[9]) for point in points]
 
     def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:
@@ -339,7 +358,7 @@ class PhysicsClient:
 
     def link_axis_y(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the y axis of a link's frame in the world."""
-        x, y, z, w = pybullet.getLinkState(body, link, 0, 0, self._id)[5]
+        x, y, z, w = pybullet.getLinkState(body, link, 0, 0, self._bullet.id)[5]
         return 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
 
     def render(self, view: View, width: int, height: int, *, bodies: bool = False) -> Image:

@@ -1,16 +1,17 @@
 """One Gymnasium environment for all tasks."""
 
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any, NoReturn, SupportsFloat
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import EzPickle
+from gymnasium.utils import EzPickle, RecordConstructorArgs
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome, Start
 from minitouch_bench.errors import UsageError
+from minitouch_bench.json_io import checked
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
@@ -53,6 +54,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     folder, or what ``shapegen.manifest.load_shape_set`` reads; None takes the task's default.
     ``reset(options={"object": name})`` asks for one object; without it one is drawn.
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
+    ``max_steps``: control steps after which an episode ends; None takes the task's. Of an
+    environment that ``gymnasium.make`` returns, ``max_episode_steps`` is the limit.
     ``perturbation`` may change the object's mass and friction and turn the camera.
 
     ``info`` has the same keys in ``reset`` and ``step``, with numpy values only:
@@ -66,6 +69,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's form
 
+    @checked
     def __init__(
         self,
         task: str,
@@ -99,6 +103,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera = GrayCamera(spec.camera)
         self._renderer: HumanRenderer | None = None
 
+    @checked
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
@@ -255,6 +260,30 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "action": action,
             "clipped": np.array(clipped),
         }
+
+
+class EpisodeEnd(
+    gymnasium.Wrapper[Observation, NDArray[np.float32], Observation, NDArray[np.float32]],
+    RecordConstructorArgs,
+):
+    """The end of an episode under Gymnasium's ``TimeLimit``, as the environment itself shows it.
+
+    The limit is an outcome in ``info``, and a success in the last step is not truncated.
+    """
+
+    def __init__(self, env: gymnasium.Env[Observation, NDArray[np.float32]]) -> None:
+        RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, SupportsFloat, bool, bool, Info]:
+        """Carry out one control step."""
+        observation, reward, terminated, limited, info = self.env.step(action)
+        truncated = limited and not terminated
+        if truncated:
+            info = {**info, "outcome": np.int64(OUTCOMES.index(Outcome.STEP_LIMIT))}
+        return observation, reward, terminated, truncated, info
 
 
 LAMP = CameraSpec((0.45, 0.0, 0.0), -60.0, -65.0, near=1.0, distance=2.5, field_of_view=34.0)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Outcome, Start
+from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import (
     OPENING,
     PICK_UP,
@@ -27,7 +28,6 @@ from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.shapegen.manifest import (
     Objects,
     Shape,
-    ShapeSet,
     canonical_shape_set,
     choose_shapes,
 )
@@ -55,6 +55,8 @@ class ObjectModel:
     ``rest``: a stable orientation (quaternion x, y, z, w), and ``rest_height`` the height
     of its center of mass (m) when it lies so. ``surface`` is its closed surface, and
     ``corners`` float64 (N, 3) those of its convex parts, about the center of mass (m).
+    ``is_task_cube``: the task's own cube, which lies square and at rest. The name does not say so:
+    a shape of a user's set can have any.
     """
 
     name: str
@@ -63,6 +65,7 @@ class ObjectModel:
     rest_height: float
     surface: Mesh
     corners: NDArray[np.float64]
+    is_task_cube: bool = False
 
     def load(self, client: PhysicsClient, x: float, y: float, yaw: float) -> int:
         """Add the object at a place on the table (m), turned by ``yaw`` (rad)."""
@@ -93,26 +96,39 @@ def cube_model(cube: CubeSpec) -> ObjectModel:
     signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
     corners = np.array(signs) * half
     surface = Mesh(corners, np.array(_CUBE_FACES, np.int32))
-    return ObjectModel(CUBE, cube_urdf(cube), (0.0, 0.0, 0.0, 1.0), half, surface, corners)
+    lying = (0.0, 0.0, 0.0, 1.0)
+    return ObjectModel(CUBE, cube_urdf(cube), lying, half, surface, corners, is_task_cube=True)
 
 
 class ObjectPool:
-    """The objects an environment draws from, loaded when first used."""
+    """The objects an environment draws from, loaded when first used.
+
+    A name means the object of this name that can be drawn. Where all of them come with this
+    package, it can also mean any other shape of the canonical set, or the task's cube.
+    """
 
     def __init__(self, cube: ObjectModel, chosen: Objects) -> None:
         self._cube = cube
-        self._set = chosen if isinstance(chosen, ShapeSet) else None
         shapes = () if chosen == CUBE else choose_shapes(chosen)
         self._shapes = {shape.name: shape for shape in shapes}
+        for shape in shapes:
+            if self._shapes[shape.name] != shape:
+                raise UsageError(f"two of the objects are called '{shape.name}': leave out one")
+        self._are_canonical = all(
+            shape.pack.parent == canonical_shape_set().path for shape in shapes
+        )
         self.names = tuple(self._shapes) or (CUBE,)
         self.model = cache(self._load)
-        """Returns the object of a name, which need not be one that is drawn, or a UsageError."""
+        """Returns the object of a name, or raises a UsageError."""
 
     def _load(self, name: str) -> ObjectModel:
-        if name == CUBE:
-            return self._cube
-        shape = self._shapes.get(name) or (self._set or canonical_shape_set()).by_name(name)
-        return shape_model(shape)
+        if shape := self._shapes.get(name):
+            return shape_model(shape)
+        if not self._are_canonical:
+            raise UsageError(
+                f"no object '{name}' is among the {len(self.names)} of the environment"
+            )
+        return self._cube if name == CUBE else shape_model(canonical_shape_set().by_name(name))
 
     def draw(self, rng: np.random.Generator) -> ObjectModel:
         """Return one object, all equally likely."""
@@ -217,7 +233,7 @@ class TabletopTask(Task):
         """Add the object and let it come to rest."""
         self.target_body = self.model.load(client, *self.position, self.yaw)
         client.paint({(self.target_body, -1): PROTOCOL.observation.object_color})
-        if self.model.name != CUBE:
+        if not self.model.is_task_cube:
             for _ in range(self.spec.settle_ticks):
                 client.step()
 
@@ -240,7 +256,7 @@ def draw_position(workspace: Workspace, rng: np.random.Generator, margin: float)
 
 def draw_yaw(rng: np.random.Generator, model: ObjectModel) -> float:
     """Return a random yaw (rad) for a shape; the tasks' own cubes lie square."""
-    return 0.0 if model.name == CUBE else float(rng.uniform(0.0, 2.0 * math.pi))
+    return 0.0 if model.is_task_cube else float(rng.uniform(0.0, 2.0 * math.pi))
 
 
 class Playing(TabletopTask):

@@ -1,8 +1,11 @@
+import os
+
 import numpy as np
 import pytest
 import torch
 
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.replay import CheckpointFiles, Replay
+from minitouch_bench.errors import RunDirectoryError
 
 CPU = torch.device("cpu")
 
@@ -105,3 +108,12 @@ def test_a_copy_from_state_and_pictures_samples_the_same(capacity):
     for name, value in vars(first).items():
         assert torch.equal(value, getattr(second, name)), name
     assert np.array_equal(replay.episode_actions(), other.episode_actions())
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_checkpoint_that_is_not_a_file_is_refused_without_waiting(tmp_path, make):
+    CheckpointFiles(tmp_path).save({}, Replay(8, 11, 4))
+    (tmp_path / "checkpoint.pt").unlink()
+    make(tmp_path / "checkpoint.pt")
+    with pytest.raises(RunDirectoryError, match="checkpoint"):
+        CheckpointFiles(tmp_path).load(Replay(8, 11, 4))

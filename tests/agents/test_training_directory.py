@@ -10,6 +10,7 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents import replay, training
+from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
@@ -20,6 +21,7 @@ from minitouch_bench.errors import (
 )
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
+from tests.shapegen.conftest import subset
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +112,37 @@ def test_a_fresh_training_that_is_refused_removes_nothing(prepared, changes, let
     assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
 
 
+def test_the_caller_s_settings_of_torch_change_nothing_and_stay(tmp_path, undisturbed):
+    torch.set_default_dtype(torch.float64)
+    try:
+        with torch.no_grad():
+            assert run_training(CONFIG, tmp_path / "run", device="cpu")
+            assert not torch.is_grad_enabled()
+        assert torch.get_default_dtype() is torch.float64
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert outcome(tmp_path / "run") == outcome(undisturbed)
+
+
+def test_a_training_is_not_resumed_with_other_objects(tmp_path):
+    config = replace(CONFIG, objects=str(subset(tmp_path / "set", 3)))
+    stop_at_once(tmp_path / "run", config)
+    (tmp_path / "set").rename(tmp_path / "away")
+    subset(tmp_path / "set", 4)
+    with pytest.raises(RunDirectoryError, match="not the set of objects"):
+        stop_at_once(tmp_path / "run", config)
+    shutil.rmtree(tmp_path / "set")
+    (tmp_path / "away").rename(tmp_path / "set")
+    stop_at_once(tmp_path / "run", config)
+
+
+def test_a_training_without_a_step_is_refused(tmp_path):
+    none = replace(CONFIG, exploration=PhaseConfig(0), task_phase=PhaseConfig(0))
+    with pytest.raises(UsageError, match="0 control steps"):
+        run_training(none, tmp_path / "run", device="cpu")
+    assert not (tmp_path / "run").exists()
+
+
 # A training that diverges
 
 DIVERGING = replace(
@@ -146,6 +179,40 @@ def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
     before = file.read_bytes()
     training.cut_rows(file, 5)
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("success", "won"),
+        (",task,", ",play,"),
+        ("1.0\n", "1.0,2.0\n"),
+        ("1.0\n", "soon\n"),
+        ("5,", "inf,"),
+        ("\n5,", "\n,"),
+        ("5,task", "5\x00,task"),
+    ],
+)
+def test_rows_that_somebody_edited_are_refused_before_the_training_goes_on(tmp_path, old, new):
+    file = tmp_path / "progress.csv"
+    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(RunDirectoryError, match=r"progress\.csv"):
+        training.cut_rows(file, 5)
+
+
+def test_a_part_of_a_row_is_cut(tmp_path):
+    file = tmp_path / "progress.csv"
+    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
+    whole = file.read_text()
+    file.write_text(whole + "10,ta")
+    training.cut_rows(file, 10)
+    assert file.read_text() == whole
+    file.write_text(whole[:9])
+    training.cut_rows(file, 10)
+    assert not file.exists()
 
 
 LONGER = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=CONFIG.task_phase.steps + 5))

@@ -11,6 +11,9 @@ from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
+LIMIT = 200.0
+"""Of forces, in N."""
+
 ACTION = np.array([0.6, 0.1, -1.0, 0.0], np.float32)
 
 
@@ -22,7 +25,7 @@ def observation(level):
 
 
 def test_a_sense_stays_as_it_was_at_the_reset():
-    senses = AlteredSenses(Perturbation(without=("forces", "vision")), seed=0)
+    senses = AlteredSenses(Perturbation(without=("forces", "vision")), 0, LIMIT)
     senses.alter(observation(1))
     altered = senses.alter(observation(2))
     assert (altered["image"] == 1).all()
@@ -32,7 +35,9 @@ def test_a_sense_stays_as_it_was_at_the_reset():
 
 def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
     perturbation, given = Perturbation(noise=20.0, force_noise=3.0), observation(100)
-    first, again, other = (AlteredSenses(perturbation, seed).alter(given) for seed in (0, 0, 1))
+    first, again, other = (
+        AlteredSenses(perturbation, seed, LIMIT).alter(given) for seed in (0, 0, 1)
+    )
     assert (given["image"] == 100).all()
     assert (given["touch"] == 100).all()
     assert np.array_equal(first["image"], again["image"])
@@ -40,6 +45,18 @@ def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
     assert 18 < first["image"].astype(float).std() < 22
     assert (first["touch"][:5] == 100).all()
     assert (first["touch"][FORCES] != 100).all()
+
+
+def test_noisy_senses_stay_in_the_observation_space():
+    environment = MiniTouchEnv("playing")
+    limit, space = environment.task.spec.force_limit, environment.observation_space
+    environment.close()
+    perturbation = Perturbation(noise=255.0, force_noise=1000.0)
+    senses = AlteredSenses(perturbation, seed=0, force_limit=limit)
+    for level in (0, 1):
+        altered = senses.alter(observation(level))
+        assert space.contains(altered)
+    assert np.abs(altered["touch"][FORCES]).max() == limit
 
 
 @pytest.mark.parametrize(

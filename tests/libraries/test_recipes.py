@@ -39,15 +39,19 @@ def test_a_recipe_runs_unchanged(recipe, tmp_path):
     if recipe in NEEDS:
         module, package = NEEDS[recipe]
         pytest.importorskip(module, reason=f"pip install {package}")
-    variables = {
-        "MINARI_DATASETS_PATH": str(tmp_path / "minari"),
-        "OMP_NUM_THREADS": "1",  # threads that wait for a busy core burn the time of others
-    }
+    variables = {"MINARI_DATASETS_PATH": str(tmp_path / "minari")}
     run_python(EXAMPLES / "libraries" / f"{recipe}.py", cwd=tmp_path, **variables)
     if recipe in EVALUATED:
         policy = str(tmp_path / EVALUATED[recipe])
         played = mt.evaluate(policy, tasks=["pushing"], episodes=1, output=tmp_path / "run")
         assert not played.faults
+
+
+@pytest.mark.parametrize("recipe", [name for name in RECIPES if name != "minari_record"])
+def test_a_recipe_that_trains_gives_torch_one_thread(recipe):
+    """Threads that wait for a busy core burn the time of others."""
+    text = (EXAMPLES / "libraries" / f"{recipe}.py").read_text()
+    assert "torch.set_num_threads(1)" in text
 
 
 def test_the_page_shows_every_recipe():

@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -110,7 +111,7 @@ def test_a_policy_and_its_isolation_can_make_a_run_unofficial():
         make_plan("novel-shapes", episodes_from=["pushing/3,17", "pick-up/0"], seed=1),
         make_plan(
             "table4",
-            conditions=Perturbation(("forces", "vision"), force_noise=2.5, mass=(0.5, 2.0)),
+            conditions=Perturbation(("vision",), force_noise=2.5, mass=(0.5, 2.0)),
             limits=PolicyLimits(act_timeout_s=2.0, episode_timeout_s=100.0),
         ),
         make_plan("smoke", ["pick-up"], objects="cube"),
@@ -151,6 +152,14 @@ def test_own_objects_are_taken_in_turn_in_the_tasks_that_have_one(tmp_path):
     (tmp_path / "swap").rename(tmp_path / "set")
     with pytest.raises(UsageError, match="not the set of the run"):
         plan.load_objects()
+
+
+def test_a_set_that_was_replaced_since_it_was_read_is_refused(tmp_path):
+    shapes = load_shape_set(subset(tmp_path / "set", 8))
+    shutil.rmtree(tmp_path / "set")
+    subset(tmp_path / "set", 4)
+    with pytest.raises(UsageError, match="changed"):
+        make_plan("table4", objects=shapes)
 
 
 def test_shapes_of_this_package_keep_their_split():

@@ -33,7 +33,11 @@ def cabinet(client):
 def angle_after_a_second(client, cabinet, torque):
     for _ in range(240):
         pybullet.applyExternalTorque(
-            cabinet, DOOR_LINK, (0, 0, torque), pybullet.LINK_FRAME, physicsClientId=client._id
+            cabinet,
+            DOOR_LINK,
+            (0, 0, torque),
+            pybullet.LINK_FRAME,
+            physicsClientId=client._bullet.id,
         )
         client.step()
     return client.joint_positions(cabinet, [DOOR_JOINT])[0]
@@ -60,12 +64,12 @@ def test_the_door_swings_free_of_its_body(client, cabinet):
 
 
 def test_the_door_weighs_and_measures_as_specified(client, cabinet):
-    mass = pybullet.getDynamicsInfo(cabinet, DOOR_LINK, physicsClientId=client._id)[0]
+    mass = pybullet.getDynamicsInfo(cabinet, DOOR_LINK, physicsClientId=client._bullet.id)[0]
     assert mass == pytest.approx(2.64)
-    low, high = pybullet.getAABB(cabinet, DOOR_LINK, physicsClientId=client._id)
+    low, high = pybullet.getAABB(cabinet, DOOR_LINK, physicsClientId=client._bullet.id)
     size = [top - bottom for bottom, top in zip(low, high, strict=True)]
     assert size == pytest.approx([0.021, 0.497, 0.835], abs=0.03)
-    low, high = pybullet.getAABB(cabinet, HANDLE_LINK, physicsClientId=client._id)
+    low, high = pybullet.getAABB(cabinet, HANDLE_LINK, physicsClientId=client._bullet.id)
     assert low[0] < 0.76 - 0.02
     assert low[2] < 0.10
     assert high[2] > 0.15

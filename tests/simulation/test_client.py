@@ -29,6 +29,35 @@ def test_a_world_built_anew_gives_the_same_bits(client):
     other.close()
 
 
+def test_a_closed_world_is_not_used_again_though_another_has_its_number():
+    first = PhysicsClient()
+    number = first._bullet.id
+    first.close()
+    first.close()
+    second = PhysicsClient()
+    assert second._bullet.id == number
+    table = add_table(second)
+    for use in (
+        first.reset_world,
+        first.step,
+        lambda: first.pose(table),
+        lambda: first.link_position(table, 0),
+        lambda: first.contacts(table, table),
+        lambda: second.mirror(first),
+    ):
+        with pytest.raises(UsageError, match="closed"):
+            use()
+    assert second.pose(table).position
+    second.close()
+
+
+def test_a_world_that_nothing_uses_is_freed():
+    client = PhysicsClient()
+    number = client._bullet.id
+    del client
+    assert not simulator.pybullet.isConnected(number)
+
+
 @pytest.mark.parametrize(
     ("python", "build"),
     [((3, 11), "pybullet==3.2.7"), ((3, 13), "pybullet-arm64==3.2.8")],

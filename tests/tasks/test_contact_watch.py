@@ -15,7 +15,7 @@ def test_it_counts_what_the_simulator_says_tick_by_tick(environments, task):
     ticks = []
 
     def after_tick():
-        points = getContactPoints(arm.body, scene.target_body, physicsClientId=client._id)
+        points = getContactPoints(arm.body, scene.target_body, physicsClientId=client._bullet.id)
         ticks.append({p[3] for p in points if p[9] > 0 and p[3] in (9, 10)})
         watch.after_tick()
 

@@ -1,12 +1,13 @@
 """The four environments, as Gymnasium and Stable-Baselines3 see them, and their promises."""
 
 import copy
+import gc
 import pickle
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equal
@@ -14,8 +15,10 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 import minitouch_bench as mt
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
+from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
@@ -78,6 +81,34 @@ def test_a_step_or_a_picture_before_the_first_reset_says_so():
     with pytest.raises(ResetNeeded):
         environment.render()
     environment.close()
+
+
+def test_a_closed_environment_leaves_the_others_alone():
+    closed, other = (mt.make("playing", render_mode="rgb_array") for _ in range(2))
+    closed.reset(seed=1)
+    closed.close()
+    later = mt.make("playing", render_mode="rgb_array")  # it gets the numbers of the closed worlds
+    seen = [digest(one.unwrapped, 7, 3) for one in (other, later)]
+    for use in (closed.reset, closed.render, lambda: closed.step(zero(closed))):
+        with pytest.raises(UsageError, match="closed"):
+            use()
+    closed.close()
+    assert [digest(one.unwrapped, 7, 3) for one in (other, later)] == seen
+    other.close()
+    later.close()
+
+
+def test_an_environment_that_nothing_uses_frees_its_worlds():
+    environment = mt.make("playing", render_mode="rgb_array")
+    environment.reset(seed=1)
+    environment.render()
+    made = environment.unwrapped
+    clients = made.client, made._kinematics._client, made._renderer._client
+    numbers = [client._bullet.id for client in clients]
+    assert len({*numbers}) == 3
+    del environment, made, clients
+    gc.collect()
+    assert not any(pybullet.isConnected(number) for number in numbers)
 
 
 def test_a_world_cannot_be_copied(environment):
@@ -214,6 +245,39 @@ def test_the_step_limit_truncates():
     assert OUTCOMES[info["outcome"]] is Outcome.STEP_LIMIT
     assert not info["success"]
     environment.close()
+
+
+@pytest.mark.parametrize("limit", [3, 203])
+def test_gymnasium_s_step_limit_is_an_outcome_like_the_task_s_own(limit):
+    made = mt.make("playing", max_episode_steps=limit)
+    spec = EnvSpec.from_json(made.spec.to_json())
+    for environment in (made, pickle.loads(pickle.dumps(made)), gymnasium.make(spec)):
+        environment.reset(seed=1)
+        for step in range(1, limit + 1):
+            *_, terminated, truncated, info = environment.step(zero(environment))
+            assert (terminated, truncated) == (False, step == limit)
+            assert OUTCOMES[info["outcome"]] is (Outcome.STEP_LIMIT if truncated else None)
+        environment.close()
+
+
+def steps_to_success(environment):
+    """Return the steps that the scripted policy takes, and how the last one ends the episode."""
+    policy = ScriptedPolicy(lambda _: environment.unwrapped)
+    observation, _ = environment.reset(seed=1)
+    policy.reset(0, "opening")
+    for step in range(1, 201):
+        observation, _, terminated, truncated, info = environment.step(policy.act(observation))
+        if terminated or truncated:
+            environment.close()
+            return step, (terminated, truncated, OUTCOMES[info["outcome"]])
+    raise AssertionError("no end")
+
+
+def test_a_success_in_the_last_step_is_not_truncated():
+    steps, end = steps_to_success(mt.make("opening"))
+    assert end == (True, False, Outcome.SUCCESS)
+    limited = mt.make("opening", max_episode_steps=steps)
+    assert steps_to_success(limited) == (steps, end)
 
 
 def test_objects_are_asked_for_by_name(environments):

@@ -3,6 +3,7 @@ import torch
 from torch import nn
 from torch.distributions import Normal
 
+torch.set_num_threads(1)  # more wait for busy cores
 ENVS, STEPS, UPDATES, GAMMA, LAMBDA = 2, 100, 2, 0.99, 0.95
 
 

@@ -3,6 +3,7 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.torch_layers import CombinedExtractor
 
+torch.set_num_threads(1)  # more wait for busy cores
 UNITS = torch.tensor([0.5] * 3 + [1.0] * 2 + [10.0] * 6)  # position (m), openings, forces (N)
 
 

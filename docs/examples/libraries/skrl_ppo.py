@@ -45,6 +45,7 @@ class Value(DeterministicMixin, Network):
         return self.run(inputs), {}
 
 
+torch.set_num_threads(1)  # more wait for busy cores
 # One environment: of several, skrl would also learn from the steps that only reset one of them.
 env = wrap_env(gymnasium.make("minitouch_bench:MiniTouch/Pushing-v1"))
 spaces = {

@@ -42,6 +42,7 @@ def make():
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # more wait for busy cores
     envs = SubprocVectorEnv([make, make])
     space = envs.action_space[0]
     networks = Actor(space.shape[0]), Critic(space.shape[0]), Critic(space.shape[0])

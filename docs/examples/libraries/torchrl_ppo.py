@@ -25,6 +25,7 @@ class Features(nn.Module):
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # more wait for busy cores
     env = ParallelEnv(2, make)
     head = nn.Sequential(
         nn.Linear(2592 + 11, 2 * env.action_spec.shape[-1]), NormalParamExtractor()
