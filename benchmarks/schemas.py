@@ -9,6 +9,7 @@ import msgspec
 from minitouch_bench.leaderboard.board import Board
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.metrics.definitions import METRICS, Metric, ShownIn
+from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.run import RunDocument
 
@@ -52,20 +53,20 @@ def board_schema() -> dict[str, Any]:
 def schema_of(kind: type, title: str) -> dict[str, Any]:
     """Return the JSON schema of what ``write_json`` writes of a record.
 
-    Every record has all its keys, but those that are unset, and no other one; its description is
-    its docstring.
+    Every record has all its keys, but those that are unset or of conditions that are as usual, and
+    no other one; its description is its docstring.
     """
     (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
-    for part in parts.values():
+    for name, part in parts.items():
         if "description" in part:
             lines = part["description"].replace("``", "'").split()
             part["description"] = " ".join(lines)
         if "properties" in part:
             properties, without_default = part["properties"], part.get("required", ())
             part["required"] = [
-                name
-                for name, entry in properties.items()
-                if name in without_default or "default" in entry
+                key
+                for key, entry in properties.items()
+                if key in without_default or ("default" in entry and name != Perturbation.__name__)
             ]
             part["additionalProperties"] = False
             for entry in properties.values():

@@ -63,7 +63,8 @@ def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) 
     )
 
 
-def make_start(rng: np.random.Generator, task: str) -> Start:
+def make_start(task: str, index: int) -> Start:
+    rng = np.random.default_rng(index)
     place = lambda *ends: tuple(rng.uniform(*ends).tolist())  # noqa: E731
     x, y = place((0.45, -0.15), (0.65, 0.2))
     target = place((0.3, -0.15), (0.65, 0.2)) if task == "pushing" else None
@@ -83,7 +84,7 @@ def make_record(rng: np.random.Generator, spec: EpisodeSpec, skill: float) -> Pl
     trace = make_trace(rng, steps, spec.task, contact=0.25 + 0.6 * skill)
     if outcome is Outcome.SUCCESS:
         trace.rewards[-1] = 25
-    return PlayedEpisode(spec, outcome, make_start(rng, spec.task), trace)
+    return PlayedEpisode(spec, outcome, make_start(spec.task, spec.index), trace)
 
 
 def with_fault(record: PlayedEpisode, text: str, steps: int = 0) -> PlayedEpisode:
