@@ -43,8 +43,8 @@ FRESH = "-fresh"
 
 TRAINING_LIMIT_S = 6 * 3600.0
 """How long a training may take to play; a policy may use minutes in each episode."""
-MEASURED_EPISODES = 20
-"""Episodes after which the time of a training is estimated."""
+MEASURED_S = 3600.0
+"""After so long the time of a training is estimated; the machine can be busy for some minutes."""
 
 
 @dataclass(frozen=True)
@@ -283,8 +283,9 @@ def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
         nonlocal played
         callbacks.episode(record)
         played += 1
-        seconds = (time.monotonic() - started) / played * episodes
-        if played >= MEASURED_EPISODES and seconds > TRAINING_LIMIT_S:
+        elapsed = time.monotonic() - started
+        seconds = elapsed / played * episodes
+        if elapsed >= MEASURED_S and seconds > TRAINING_LIMIT_S:
             hours = f"about {seconds / 3600:.0f} hours, the limit is {TRAINING_LIMIT_S / 3600:.0f}"
             raise errors.HopelessRunError(f"to play a training would take {hours}")
 

@@ -174,7 +174,7 @@ def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
 
 def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     monkeypatch.setattr(entries, "TRAINING_LIMIT_S", 1e-6)
-    monkeypatch.setattr(entries, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(entries, "MEASURED_S", 0.0)
     count = Count()
     row = play(entry, count.callbacks())
     assert (count.episodes, row.played) == (1, ())
