@@ -88,7 +88,9 @@ def test_the_figures_of_a_run_are_tables_and_estimates(counted):
     run, _ = counted
     episodes = run.episodes
     assert isinstance(episodes, pd.DataFrame)
-    assert list(episodes.columns) == [*EPISODE_COLUMNS, "family", "split", "digest"]
+    beside = ["family", "split", "digest", "start_x", "start_y", "start_z", "start_yaw"]
+    beside += ["target_x", "target_y", "end_effector_x", "end_effector_y", "end_effector_z"]
+    assert list(episodes.columns) == [*EPISODE_COLUMNS, *beside]
     assert list(episodes["task"]) == ["opening"] * 2
     assert run.exploration_episodes.empty
     table = run.table4()

@@ -80,6 +80,8 @@ def verify(
         setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
     if found.passed:
         opened.plan.load_objects()  # or refuse before any progress is shown
+        for spec in opened.header.specs():
+            opened.actions_of(spec.key)
         try:
             with episode_progress() as callbacks, opening as running:
                 callbacks.phase("replaying", len(opened.header.specs()))

@@ -18,8 +18,8 @@ USAGE = [
     (["evaluate", "zero", "--episodes", "0"], "--episodes", "evaluate "),
     (["evaluate", "zero", "--act-timeout", "nan"], "--act-timeout", "evaluate "),
     (["evaluat", "zero"], "evaluate", ""),
-    (["leaderboard", "validate"], "DIR", "leaderboard validate "),
-    (["leaderboard", "valid"], "validate", "leaderboard "),
+    (["leaderboard", "check"], "NAME", "leaderboard check "),
+    (["leaderboard", "chec"], "check", "leaderboard "),
 ]
 
 
@@ -62,7 +62,7 @@ def test_an_option_has_a_help_and_is_given_once_unless_that_says_otherwise(name,
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("submit", "zero", "--include-checkpoint", "--no-include-checkpoint"),
+        ("leaderboard", "play", "zero", "--workers", "1", "--workers", "1"),
         ("evaluate", "zero", "--tasks", "pushing", "--tasks", "opening"),
         ("--version", "--version"),
     ],
@@ -120,5 +120,5 @@ def test_a_name_that_is_not_utf_8_is_refused_in_a_line(tmp_path):
 
 
 def test_a_name_that_no_system_has_is_refused_in_a_line(tmp_path):
-    command = ("leaderboard", "remove", "hac", "--submissions", "a" * 300)
+    command = ("evaluate", "zero", "--output", "a" * 300)
     run(*command, directory=tmp_path).refused(6, "File name too long")

@@ -125,7 +125,9 @@ def test_another_file_on_the_hub_is_refused(submitted, tmp_path):
     text = (submitted / "submission.toml").read_text()
     other = re.sub('sha256 = "[0-9a-f]{64}"', f'sha256 = "{"0" * 64}"', text)
     (submitted / "submission.toml").write_text(other)
-    run("leaderboard", "play", "mine", directory=tmp_path).refused(3, "SHA-256")
+    done = run("leaderboard", "play", "mine", directory=tmp_path)
+    assert done.code == 3
+    assert done.err.endswith("its SHA-256 is not that of submission.toml\n")
 
 
 def test_a_hub_that_cannot_be_reached_is_no_fault_of_the_submission(

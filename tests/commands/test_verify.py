@@ -1,13 +1,14 @@
 import json
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import minitouch_bench as mt
+from minitouch_bench.runs.run import make_header, read_run, run_json
 from tests.commands.command import run
 from tests.evaluation.misbehaved import Still
-from tests.leaderboard.synthetic import official_run, write_official
 
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 
@@ -30,11 +31,10 @@ def test_an_edited_run_is_named_with_exit_1(copy):
     result = json.loads(done.out)
     assert result["passed"] is False
     assert result["reran"] == 0
-    assert result["problems"][0]["place"] == "pushing/0"
-    assert result["problems"][0]["what"].startswith("it ended at the step limit")
+    assert result["problems"][0]["place"] == "digest"
     plain = run("verify", copy, directory=copy.parent)
     assert plain.code == 1
-    assert "pushing/0: it ended at the step limit" in plain.out
+    assert "digest: " in plain.out
     assert "is not verified" in plain.out
 
 
@@ -63,20 +63,28 @@ def test_a_run_is_verified_without_its_checkpoint_and_run_again_with_it_alone(tm
     other.refused(2, "is not the policy of this run")
 
 
-def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(tmp_path):
+def of_policy(directory, **policy):
+    """Say that a run's policy is another one."""
+    run = read_run(directory)
+    header = run.header
+    header = make_header(header.plan, replace(header.policy, **policy), None, header.isolation)
+    (directory / "run.json").write_bytes(run_json(replace(run, header=header)))
+
+
+def test_a_server_that_a_run_names_is_contacted_only_if_the_user_names_it(copy):
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(0.0)
         address = f"http://127.0.0.1:{server.getsockname()[1]}"
-        write_official(official_run(kind="remote", source=address), tmp_path / "run")
-        unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
+        of_policy(copy, kind="remote", source=address, notes=("remote",))
+        unnamed = run("verify", copy, "--rerun", 1, directory=copy.parent)
         unnamed.refused(5, address, "contacted only if you name it", "--policy")
         with pytest.raises(BlockingIOError):
             server.accept()
 
 
-def test_python_code_that_a_run_names_is_run_only_if_the_user_names_it(tmp_path):
-    write_official(official_run(kind="factory", source="misbehaved:Still"), tmp_path / "run")
-    unnamed = run("verify", "run", "--rerun", 1, "--trust", directory=tmp_path)
+def test_python_code_that_a_run_names_is_run_only_if_the_user_names_it(copy):
+    of_policy(copy, kind="factory", source="misbehaved:Still", notes=())
+    unnamed = run("verify", copy, "--rerun", 1, "--trust", directory=copy.parent)
     unnamed.refused(5, "misbehaved:Still", "run only if you name it", "--policy")
 
 

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +19,7 @@ from minitouch_bench.comparison.gate_report import (
     show_result,
 )
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import PACKED_RUN_FILE, write_file
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
 from tests.comparison.pairs import (
@@ -116,12 +118,13 @@ def test_what_chance_explains_is_not_enough_and_fails_where_it_is_beyond(lost, o
     assert f"--episodes {result.endpoint.episodes_needed}" in result.next_command
 
 
-def test_the_longer_baseline_leaves_submissions_alone(tmp_path, monkeypatch):
-    (tmp_path / "submissions" / "mine").mkdir(parents=True)
-    (tmp_path / "submissions" / "mine" / "submission.toml").touch()
+def test_the_longer_baseline_leaves_results_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    paths = ("submissions/mine/seed-0/table4", "new")
-    result = judge_runs(of_zero(make_saved(FEW, "base")), few(4), paths, GateSettings())
+    place = "results/mine/seed-0/table4"
+    base = make_saved(FEW, "base")
+    write_file(Path(place, PACKED_RUN_FILE), b"")
+    saved = replace(of_zero(base), directory=Path(place))
+    result = judge_runs(saved, few(4), (place, "new"), GateSettings())
     output = f"reports/mine/seed-0/table4-{result.endpoint.episodes_needed}"
     assert result.next_command.endswith(f" --output {output}")
 

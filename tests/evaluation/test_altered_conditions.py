@@ -96,9 +96,6 @@ def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
     assert "1 episode run again" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "policies", [{"policy": "scripted"}, {"policy": "zero", "exploration": "scripted"}]
-)
-def test_the_scripted_policy_has_no_senses_to_change(policies):
+def test_the_scripted_policy_has_no_senses_to_change():
     with pytest.raises(UsageError, match="reads the simulator"):
-        evaluate(**policies, without="vision")
+        evaluate("scripted", without="vision")

@@ -153,41 +153,48 @@ def test_a_link_in_a_directory_is_not_followed(tmp_path):
     assert parse_source(str(link)).digest  # the user named the link
 
 
-@pytest.mark.parametrize("place", ["checkpoints", "checkpoints/seed-0/final/a.onnx"])
+def write_training(directory, seed, files):
+    """Add a training to a submission: its checkpoints by role, each holding its own name."""
+    lines = ["[[trainings]]", f"seed = {seed}"]
+    for file in files:
+        path = directory / "checkpoints" / f"seed-{seed}" / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(file.encode())
+        digest = hashlib.sha256(file.encode()).hexdigest()
+        lines += ["[[trainings.checkpoints]]", f'role = "{path.parent.name}"']
+        lines += [f'task = "{path.stem}"', f'file = "{path.name}"', f'sha256 = "{digest}"']
+    with (directory / "submission.toml").open("a") as toml:
+        toml.write("\n".join([*lines, ""]))
+
+
+@pytest.mark.parametrize("place", ["checkpoints", "checkpoints/seed-0/final/pushing.onnx"])
 def test_a_linked_directory_in_a_submission_is_not_followed(tmp_path, place):
-    (tmp_path / "submission.toml").touch()
-    (tmp_path / "checkpoints" / "seed-0" / "final").mkdir(parents=True)
-    (tmp_path / "checkpoints" / "seed-0" / "final" / "a.onnx").write_bytes(b"of another project")
+    write_training(tmp_path, 0, ["final/pushing.onnx"])
     (tmp_path / place).rename(tmp_path / "secret")
     (tmp_path / place).symlink_to(tmp_path / "secret")
     with pytest.raises(PolicyLoadError, match=f"{place} .*symbolic link"):
         parse_source(str(tmp_path))
 
 
-@pytest.mark.parametrize(
-    ("file", "message"),
-    [
-        ("submission.toml", "a submission without exploration checkpoints"),
-        ("final.safetensors", r"no exploration\.safetensors"),
-    ],
-)
-def test_a_role_without_a_checkpoint_is_named(tmp_path, file, message):
-    (tmp_path / file).write_bytes(b"final")
-    with pytest.raises(PolicyLoadError, match=message):
+def test_a_role_without_a_checkpoint_is_named(tmp_path):
+    (tmp_path / "final.safetensors").write_bytes(b"final")
+    with pytest.raises(PolicyLoadError, match=r"no exploration\.safetensors"):
+        parse_source(str(tmp_path), role=Role.EXPLORATION)
+    write_training(tmp_path, 0, ["final/pushing.onnx"])
+    with pytest.raises(PolicyLoadError, match="seed-0 has no exploration checkpoints"):
         parse_source(str(tmp_path), role=Role.EXPLORATION)
 
 
-def test_a_submission_is_the_checkpoints_of_its_first_seed(tmp_path):
-    (tmp_path / "submission.toml").touch()
-    files = ("seed-10/final/pushing.onnx", "seed-2/final/pushing.onnx", "seed-2/final/opening.pt")
-    for file in (*files, "seed-2/exploration/mine.onnx"):
-        path = tmp_path / "checkpoints" / file
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(file.encode())
+def test_a_submission_is_the_checkpoints_of_its_first_training(tmp_path):
+    write_training(
+        tmp_path, 2, ["final/pushing.onnx", "final/opening.pt", "exploration/pushing.onnx"]
+    )
+    write_training(tmp_path, 10, ["final/pushing.onnx"])
     source = parse_source(str(tmp_path), ("pushing", "opening"))
     assert source.name == tmp_path.name
     first = str(tmp_path / "checkpoints" / "seed-2" / "final")
     assert {Path(part.target).parent for _, part in source.parts} == {Path(first)}
     assert source.digest == parse_source(first).digest
     explored = parse_source(str(tmp_path), ("pushing",), role=Role.EXPLORATION)
-    assert (explored.kind, explored.name) == ("onnx", tmp_path.name)
+    assert explored.for_task("pushing").kind == "onnx"
+    assert explored.name == tmp_path.name

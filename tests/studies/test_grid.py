@@ -9,7 +9,6 @@ import time
 
 import pandas as pd
 import pytest
-from experiments.row import collect, join_arm
 
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
@@ -140,19 +139,3 @@ def test_a_training_under_way_goes_on_after_a_seed_was_added(design, tmp_path):
     design.write_text(DESIGN.replace("seeds = [0]", "seeds = [0, 1]"))
     assert run_grid(design, output, only=only) == {}
     assert [*pd.read_csv(output / "trainings.csv")["design"]] == [begun]
-
-
-def test_a_row_takes_the_policies_of_finished_seeds_only(design, tmp_path, capsys):
-    cells = [cell for cell in cells_of(read_design(design)) if cell.method == "rnd"]
-    for cell in cells:
-        (tmp_path / cell.name).mkdir()
-        for role in ("final", "exploration"):
-            (tmp_path / cell.name / f"{role}.safetensors").write_text(f"{role} of {cell.task}")
-    folders = collect(cells, tmp_path, tmp_path / "seed-0")
-    assert {file.name: file.read_text() for file in folders[0].iterdir()} == {
-        "playing.safetensors": "final of playing", "opening.safetensors": "final of opening",
-    }  # fmt: skip
-    assert [file.name for file in folders[1].iterdir()] == ["opening.safetensors"]
-    pd.DataFrame([vars(cells[0])]).to_csv(tmp_path / "trainings.csv")
-    assert not join_arm(design, tmp_path, "rnd")
-    assert capsys.readouterr().err == "seed 0 waits for opening-rnd-60-0\n"
