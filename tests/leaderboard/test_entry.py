@@ -154,7 +154,7 @@ def test_a_damaged_result_is_named_and_played_again(entry, content):
     kept = digests(entry.results)
     file = entry.results / RUNS[1] / "run.json.gz"
     file.write_bytes(content)
-    with pytest.raises(RunDirectoryError, match=r"table4-fresh.* run\.json"):
+    with pytest.raises(RunDirectoryError, match=r"table4-fresh\b.*\brun\.json"):
         entry.read_runs(row)
     count = Count()
     play(entry, count.callbacks())
