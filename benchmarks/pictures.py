@@ -12,7 +12,7 @@ from PIL import Image
 import minitouch_bench as mt
 from minitouch_bench.episode import Role
 from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.files import REPORTS, SUBMISSIONS
+from minitouch_bench.files import RESULTS, SUBMISSIONS
 from minitouch_bench.policies.scripted import make_controller
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -67,7 +67,7 @@ def frames_of(task: str) -> list[np.ndarray]:
 
     In a task with a goal it is one of those that succeed.
     """
-    run = mt.load_run(REPORTS / "results" / FILMED / "table4")
+    run = mt.load_run(RESULTS / FILMED / "table4")
     fitting = [
         (spec, row)
         for spec, row in run.specs_and_rows()

@@ -36,6 +36,8 @@ SUBMISSION_FILE, CHECKPOINTS = "submission.toml", "checkpoints"
 
 REPORTS, SUBMISSIONS = Path("reports"), Path("submissions")
 """Where runs, reports and submissions without ``output`` get a directory of their own."""
+RESULTS = REPORTS / "results"
+"""Directory of the rows that were played, one folder each."""
 JOURNAL_FILE = "run.journal"
 """What is done of a run; a finished run has none."""
 

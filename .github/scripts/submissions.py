@@ -70,11 +70,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
     """Return the submissions that changed since the base, removed ones too, and other paths."""
-    span = head if not base.strip("0") else f"{base}...{head}"  # a first push has no base
-    listing = ["git", "-C", str(clone), "diff", "--name-only", "--no-renames", "-z", span]
-    if span == head:
-        listing = ["git", "-C", str(clone), "ls-tree", "-r", "--name-only", "-z", head]
-    text = subprocess.run(listing, check=True, capture_output=True).stdout
+    if base.strip("0"):
+        listing = ("diff", "--name-only", "--no-renames", "-z", f"{base}...{head}")
+    else:  # a first push has no base
+        listing = ("ls-tree", "-r", "--name-only", "-z", head)
+    command = ("git", "-C", str(clone), *listing)
+    text = subprocess.run(command, check=True, capture_output=True).stdout
     names, other = set(), []
     for path in text.decode("utf-8", "backslashreplace").split("\0"):
         parts = path.split("/")

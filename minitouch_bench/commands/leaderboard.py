@@ -11,14 +11,13 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note, print_problems
 from minitouch_bench.cli.options import Command, make_group
 from minitouch_bench.evaluation.engine import AUTO
-from minitouch_bench.files import REPORTS, SUBMISSIONS
+from minitouch_bench.files import REPORTS, RESULTS, SUBMISSIONS
 
 app = make_group(help="Check submissions, play their rows, and build the leaderboard.")
 
 Names = Annotated[list[str], typer.Argument(metavar="NAME", help="Names of submissions.")]
 Submissions = Annotated[Path, typer.Option(metavar="DIR", help="Directory of all submissions.")]
 Results = Annotated[Path, typer.Option(metavar="DIR", help="Directory of the rows' results.")]
-RESULTS = REPORTS / "results"
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard check my-policy")
@@ -71,14 +70,15 @@ def play(
         if problems := [*check_submission(submissions / name)]:
             print_problems(name, problems)
             raise typer.Exit(errors.CHECK_FAILED)
-        entries.append(Entry.open(submissions / name, results))
+        entry = Entry.open(submissions / name, results)
+        suites = entry.submission.suites
+        if suite is not None and suite not in suites:
+            raise errors.UsageError(f"{entry.name} is for {', '.join(suites)}, not for {suite}")
+        entries.append(entry)
     waiting = False
     with episode_progress() as shown, open_engine("local", workers) as engine:
         callbacks = stopping_after(seconds, shown)
         for entry in entries:
-            suites = entry.submission.suites
-            if suite is not None and suite not in suites:
-                raise errors.UsageError(f"{entry.name} is for {', '.join(suites)}, not for {suite}")
             row = play_row(entry, engine, callbacks, suites=(suite,) if suite else ())
             if row.waiting:
                 print_problems(entry.name, [f"it stays waiting: {row.waiting}"])

@@ -233,8 +233,8 @@ def comparison_notes() -> tuple[str, ...]:
         "difference, among so many rows it may be chance.",
         "Mean: over the tasks with a goal, if they have equally many episodes. A metric without an "
         "arrow has no better direction.",
-        f"Episodes to resolve: about so many of each task, for a power of {100 * POWER:g} % at "
-        f"{ALPHA_IN_WORDS}, if the difference is as observed.",
+        "Episodes to resolve: about how many episodes of each task find the difference in "
+        f"{100 * POWER:g} % of cases, at {ALPHA_IN_WORDS}, if it is as observed.",
     )
 
 

@@ -233,8 +233,7 @@ def make_board(
     left_out: Sequence[LeftOut] = (),
 ) -> Board:
     """Rank the rows that were played."""
-    by_name = {one.submission.name: one for one in played}
-    by_name = dict(sorted(by_name.items()))
+    by_name = dict(sorted((one.submission.name, one) for one in played))
     copies = find_copies(by_name)
     rows = {name: _row(one, copies.get(name, "")) for name, one in by_name.items()}
     ranked = {name for name, row in rows.items() if not row.why_no_rank}

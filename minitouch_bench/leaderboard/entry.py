@@ -32,8 +32,6 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.plan import Plan, make_plan
 from minitouch_bench.runs.run import Run, read_run
 
-RESULTS = files.REPORTS / "results"
-"""Directory of the rows that were played, one folder each."""
 PLAY = files.REPORTS / "play"
 """Directory of rows that are being played."""
 
@@ -149,8 +147,9 @@ class Entry:
         """Yield the runs of the row whose draws are made, training by training."""
         for training in self.submission.trainings:
             draw = row.draw_for(training)
-            for suite in self.submission.suites if draw else ():
-                assert draw is not None
+            if draw is None:
+                continue
+            for suite in self.submission.suites:
                 yield RowRun(training, make_plan(suite), is_fresh=False)
                 fresh = fresh_plan(suite, training.digest(Role.FINAL), draw.randomness)
                 yield RowRun(training, fresh, is_fresh=True)
@@ -214,10 +213,8 @@ def play_row(
     """
     with files.lock_directory(entry.results):
         row = _keep_draws(entry)
-        missing = [*_missing(entry, row, callbacks)]
-        missing = [
-            part for part in missing if part.plan.suite in (suites or entry.submission.suites)
-        ]
+        wanted = suites or entry.submission.suites
+        missing = [part for part in _missing(entry, row, callbacks) if part.plan.suite in wanted]
         waiting = ""
         try:
             for number, part in enumerate(missing, start=1):

@@ -5,7 +5,7 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -131,11 +131,9 @@ def pack_policies(
         if explorations:
             source = parse_source(explorations[number], role=Role.EXPLORATION)
             found |= dict(_files_of(source, Role.EXPLORATION))
-        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), found))
-    return [
-        replace(one, files={file: path for file, path in one.files.items() if not file.address})
-        for one in packed
-    ]
+        copied = {file: path for file, path in found.items() if not file.address}
+        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), copied))
+    return packed
 
 
 def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile, Path]]:

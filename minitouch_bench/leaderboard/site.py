@@ -22,7 +22,7 @@ from minitouch_bench.leaderboard.board import (
     PlayedRow,
     make_board,
 )
-from minitouch_bench.leaderboard.entry import RESULTS, Entry
+from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
 from minitouch_bench.leaderboard.ranking import BOARD_GOALS, BOARD_TASKS, OVERALL, RANKED_BY
 from minitouch_bench.leaderboard.submission import (
@@ -50,7 +50,7 @@ PAGES, SITE_PICTURES = "submission", "pictures"
 """Directories of the rows' pages, and of the tasks' pictures, in the site."""
 
 
-def build_board(submissions: Path, output: Path, results: Path = RESULTS) -> Board:
+def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) -> Board:
     """Rank the rows that were played, and write the leaderboard.
 
     What cannot be shown is named with its reason and does not stop the others.

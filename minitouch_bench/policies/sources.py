@@ -9,8 +9,8 @@ import io
 import re
 import urllib.parse
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -267,19 +267,22 @@ def directory_digest(listed: Iterable[tuple[str, str]]) -> str:
 
 def _parse_submission(path: Path, role: Role, folder: str = "") -> PolicySource:
     """Find the policy of a training of a submission; of its first one without ``folder``."""
-    with _as_load_errors():
+    try:
         table = read_toml(path / files.SUBMISSION_FILE)
         submitted = take_table({"trainings": table.get("trainings", [])}, Submitted, str(path))
+    except UsageError as error:
+        raise PolicyLoadError(str(error)) from error
     trainings = {training.folder: training for training in submitted.trainings}
-    training = trainings.get(folder or next(iter(trainings), ""))
+    if not trainings:
+        raise PolicyLoadError(f"{path} has no training")
+    training = trainings.get(folder or next(iter(trainings)))
     if training is None:
-        known = f"; it has {', '.join(trainings)}" if trainings else ""
-        raise PolicyLoadError(f"{path} has no training {folder}{known}".replace("  ", " "))
+        raise PolicyLoadError(f"{path} has no training {folder}; it has {', '.join(trainings)}")
     listed = training.files(role)
     if not listed:
         raise PolicyLoadError(f"{path / training.folder} has no {role} checkpoints")
-    folders = [path / files.CHECKPOINTS / training.folder / role]
-    for part in (*folders, *folders[0].parents[:2]):
+    of_role = path / files.CHECKPOINTS / training.folder / role
+    for part in (of_role, *of_role.parents[:2]):
         if part.is_symlink():
             raise PolicyLoadError(f"{part} cannot be read: it is a symbolic link")
     sources = {}
@@ -296,15 +299,6 @@ def _parse_submission(path: Path, role: Role, folder: str = "") -> PolicySource:
     digest = directory_digest((file.file, file.sha256) for file in listed)
     parts = tuple((file.task, source) for file, source in sources.items())
     return PolicySource(DIRECTORY, name, str(path / training.folder), digest, parts)
-
-
-@contextmanager
-def _as_load_errors() -> Iterator[None]:
-    """Raise what is wrong with a file that names policies as a ``PolicyLoadError``."""
-    try:
-        yield
-    except UsageError as error:
-        raise PolicyLoadError(str(error)) from error
 
 
 def _parse_directory(path: Path, role: Role) -> PolicySource:

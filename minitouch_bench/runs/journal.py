@@ -140,7 +140,7 @@ def read_header(directory: Path) -> RunHeader:
     """Return the header of the run in a directory, finished or not.
 
     Raises:
-        RunDirectoryError: there is no run, or it is damaged.
+        RunDirectoryError: the directory has no run, or its run is damaged.
     """
     if (directory / files.RUN_FILE).exists():
         return read_run(directory).header

@@ -1,4 +1,4 @@
-"""Look at a whole set: proofs of it against its manifest, and a page with a picture of each."""
+"""Check a whole set against its manifest, and make a page with a picture of each shape."""
 
 import base64
 import io

@@ -23,7 +23,7 @@ WRITING = {
 """Every job that may write, and all that it may."""
 
 OURS = "uses: OWNER/minitouch-bench/.github/actions/regress@COMMIT # v1.0.0\n"
-"""The gate in the example: whoever copies it puts in a commit."""
+"""The gate in the example; a user who copies it replaces COMMIT by a commit of the project."""
 
 ACTION = re.compile(
     r"((?:actions/|pypa/gh-action-)[a-z-]+)@([0-9a-f]{40} # v[0-9]+\.[0-9]+\.[0-9]+)"
