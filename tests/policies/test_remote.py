@@ -12,7 +12,7 @@ import pytest
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource, load_policy
-from minitouch_bench.policies.process import isolate, try_policy
+from minitouch_bench.policies.policy_process import isolate, try_policy
 from minitouch_bench.policies.server import (
     MAX_EPISODES,
     PolicyHandler,
