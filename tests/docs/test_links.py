@@ -6,12 +6,22 @@ import pytest
 
 from tests.altered import DOCS, ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *ROOT.glob("experiments/**/*.md")])
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"),
+        *DOCS.rglob("*.md"),
+        *ROOT.glob("experiments/**/*.md"),
+        *ROOT.glob("examples/**/*.md"),
+        *ROOT.glob("examples/*.ipynb"),
+    ]
+)
 CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)|^\[[^\]]+\]: (\S+)$", re.MULTILINE)
 REFERENCE = re.compile(r"\]\[([^\]]+)\]")
 HEADING = re.compile(r"^#{1,6} +(.+?) *$", re.MULTILINE)
-OURS = "https://github.com/OWNER/minitouch-bench/blob/main/"
+OURS = re.compile(
+    r"https://(?:colab\.research\.google\.com/github|github\.com)/OWNER/minitouch-bench/blob/main/"
+)
 ELSEWHERE = ("https:", "http:", "mailto:")
 
 
@@ -41,8 +51,8 @@ def links(page):
 
 def leads_somewhere(page, link):
     place = page.parent
-    if link.startswith(OURS):
-        place, link = ROOT, link.removeprefix(OURS)
+    if ours := OURS.match(link):
+        place, link = ROOT, link[ours.end() :]
     elif link.startswith(ELSEWHERE):
         return True
     path, _, anchor = link.partition("#")
