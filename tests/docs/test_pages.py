@@ -8,6 +8,7 @@ from typer.main import get_command
 
 from experiments.analysis import STUDIES, join_seeds, learned_seeds, read_rows
 from minitouch_bench.commands.app import app
+from minitouch_bench.metrics.definitions import METRICS
 from tests.altered import DOCS, ROOT
 
 USER_PAGES = [
@@ -49,6 +50,11 @@ def test_the_tables_of_results_follow_from_the_stored_rows(study, pages):
         line = f"| {METHODS[method]} | {' | '.join(cells)} |"
         for page in pages:
             assert line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+
+
+def test_the_page_of_metrics_has_every_metric():
+    page = (DOCS / "reference" / "metrics.md").read_text(encoding="utf-8")
+    assert not [name for name, one in METRICS.items() if f"| {one.label} | `{name}` |" not in page]
 
 
 def test_every_command_on_a_page_has_the_options_that_it_shows():
