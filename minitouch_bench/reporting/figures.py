@@ -253,7 +253,7 @@ def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> chart
         f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
         f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
     )
-    altered = [one.name for one in sections if one.run.plan.conditions.change_the_forces]
+    altered = [one.name for one in sections if one.run.plan.conditions.changes_forces]
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."

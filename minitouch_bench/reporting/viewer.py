@@ -134,9 +134,9 @@ def _given_columns(film: Film, conditions: Perturbation) -> dict[str, list[float
 
     T + 1 values per column; none at the end, since no action follows.
     """
-    if not conditions.change_the_forces:
+    if not conditions.changes_forces:
         return {}
-    changed = slice(None) if "touch" in conditions.without else PROTOCOL.observation.forces
+    changed = slice(None) if conditions.changes_touch else PROTOCOL.observation.forces
     given = (_in_units(film.touch).round(6) + 0.0).T.tolist()
     rest = [None] * (len(film.scenes) - len(film.touch))
     names = [f"given_{name}" for name in TOUCH_COLUMNS[changed]]

@@ -33,6 +33,18 @@ def test_a_sense_stays_as_it_was_at_the_reset():
     assert (altered["touch"][:5] == 2).all()
 
 
+def test_observations_are_late_after_their_noise_and_before_a_sense_is_frozen():
+    perturbation = Perturbation(without=("forces",), noise=20.0, delay=(2, 2))
+    late = AlteredSenses(perturbation, 0, LIMIT, delay=2)
+    noisy = AlteredSenses(Perturbation(noise=20.0), 0, LIMIT)
+    seen = [noisy.alter(observation(level)) for level in range(50, 55)]
+    given = [late.alter(observation(level)) for level in range(50, 55)]
+    for index, one in enumerate(given):
+        assert np.array_equal(one["image"], seen[max(0, index - 2)]["image"])
+        assert (one["touch"][:5] == max(50, 48 + index)).all()
+        assert (one["touch"][FORCES] == 50).all()
+
+
 def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
     perturbation, given = Perturbation(noise=20.0, force_noise=3.0), observation(100)
     first, again, other = (
@@ -65,6 +77,7 @@ def test_noisy_senses_stay_in_the_observation_space():
         Perturbation(mass=(0.01, 0.01)),
         Perturbation(friction=(0.01, 0.01)),
         Perturbation(camera=(9, 9)),
+        Perturbation(grip=(0.01, 0.01)),
     ],
 )
 def test_the_world_differs_and_is_the_same_again(perturbation):
@@ -88,7 +101,10 @@ def test_the_world_differs_and_is_the_same_again(perturbation):
 
 @pytest.mark.usefixtures("importable")
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
-    conditions = {"without": "forces", "perturb": "noise=20,mass=0.5:2,camera=9"}
+    conditions = {
+        "without": "forces",
+        "perturb": "noise=20,mass=0.5:2,camera=9,delay=1:3,grip=0.5:1",
+    }
     options = {"tasks": "pick-up", "episodes": 1, "workers": 1, "output": tmp_path / "run"}
     policy = "misbehaved:Sensitive"
     evaluate(policy, trust=True, **options, **conditions)
@@ -99,3 +115,5 @@ def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
 def test_the_scripted_policy_has_no_senses_to_change():
     with pytest.raises(UsageError, match="reads the simulator"):
         evaluate("scripted", without="vision")
+    with pytest.raises(UsageError, match="reads the simulator"):
+        evaluate("scripted", perturb="delay=1")
