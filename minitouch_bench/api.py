@@ -16,6 +16,12 @@ from minitouch_bench.comparison.comparison import (
     comparison_json,
     comparison_markdown,
 )
+from minitouch_bench.comparison.methods import (
+    MethodComparison,
+    compare_method_runs,
+    methods_json,
+    methods_markdown,
+)
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
 from minitouch_bench.evaluation.execution import (
@@ -44,7 +50,10 @@ if TYPE_CHECKING:
 else:
     TrainingCallbacks = object  # its module imports torch; ``run_training`` checks its type
 
-__all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "replay", "train"]
+__all__ = [
+    "Run", "TaskResult", "compare", "compare_methods", "evaluate", "load_run", "make", "replay",
+    "train",
+]  # fmt: skip
 
 AUTO_OUTPUT = "auto"
 """Means the directory that the command line takes by default."""
@@ -206,6 +215,29 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     if output is not None:
         files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
         files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+    return comparison
+
+
+@checked
+def compare_methods(
+    a: Sequence[Run | StrPath], b: Sequence[Run | StrPath], *, output: StrPath | None = None
+) -> MethodComparison:
+    """Compare two methods by a run of each of their training seeds, two or more of each.
+
+    ``output``: as in ``compare``.
+
+    Raises:
+        UsageError: a method has one run, or the runs have other episodes or another protocol.
+        RunDirectoryError: a directory is not a run, or is damaged.
+    """
+    first, second = (
+        [run if isinstance(run, Run) else read_run(Path(run)) for run in side] for side in (a, b)
+    )
+    paths = [[str(run.directory or run.name) for run in side] for side in (first, second)]
+    comparison = compare_method_runs((first, second), paths)
+    if output is not None:
+        files.write_file(Path(output) / "comparison.json", methods_json(comparison))
+        files.write_file(Path(output) / "comparison.md", methods_markdown(comparison))
     return comparison
 
 

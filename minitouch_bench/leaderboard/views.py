@@ -28,7 +28,7 @@ from minitouch_bench.leaderboard.ranking import (
 )
 from minitouch_bench.metrics import definitions
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS
+from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, MAX_SEEDS
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
@@ -208,7 +208,7 @@ def explain_rank(board: Board, row: BoardRow, key: str) -> str:
     found: dict[str, list[str]] = {BETTER: [], WORSE: [], UNDECIDED: []}
     nearest = ""
     pairs = [pair for pair in board.pairs[key] if row.name in (pair.higher, pair.lower)]
-    for pair in sorted(pairs, key=lambda pair: (pair.p, pair.seeds or ranking.MAX_SEEDS)):
+    for pair in sorted(pairs, key=lambda pair: (pair.p, pair.seeds or MAX_SEEDS)):
         verdict, other = (BETTER, pair.lower) if row.name == pair.higher else (WORSE, pair.higher)
         p = f"p = {pair.p:.2g}" if pair.p >= 0.001 else "p < 0.001"
         if not pair.is_significant:
@@ -275,7 +275,7 @@ def board_notes() -> tuple[str, ...]:
         "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "
         "episodes are the same. The number is a guess: a true difference half as large needs four "
-        f"times as many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which "
+        f"times as many. No number: more than {MAX_SEEDS:,}, or a row of one seed, which "
         "does not show how its seeds vary.",
         f"Brackets: 95 % interval. One training seed: {intervals}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
