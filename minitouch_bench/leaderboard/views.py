@@ -283,7 +283,7 @@ def board_notes() -> tuple[str, ...]:
         f"{listed(floors)}, the best of {listed(FLOORS)}.",
         f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state "
         f"and solves each task, {listed(FLOORS)} are floors. They are never ranked.",
-        f"{labels.PAPER_NOTE} They are never ranked.",
+        f"{labels.PAPER_NOTE} They are never ranked. {labels.MARK_NOTE}",
     )
 
 
