@@ -25,6 +25,7 @@ class DrawnConditions:
     camera: float = 0.0
     delay: int = 0
     grip: float = 1.0
+    light: float = 1.0
 
 
 class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -38,8 +39,9 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the
     ``friction`` of the object or the door, the degrees by which the ``camera`` is turned around
     what it looks at, the whole number of control steps by which observations are late
-    (``delay``), and the factor on the motor force of the fingers (``grip``).
-    Senses get noise first, then the delay, and are left out last.
+    (``delay``), the factor on the motor force of the fingers (``grip``), and that on the gray
+    levels of pictures (``light``: 0 is black; None for the suite's).
+    Pictures get the light first; then senses get noise, then the delay, and are left out last.
 
     Raises:
         ValueError: a value that means nothing.
@@ -53,6 +55,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     camera: Range = (0.0, 0.0)
     delay: tuple[int, int] = (0, 0)
     grip: Range = (1.0, 1.0)
+    light: Range | None = None
 
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
@@ -62,7 +65,9 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
                 what = f"{_spelled(name)} changes a sense that stays as at the reset"
                 raise ValueError(f"{what}: leave it out, or leave out --without {min(frozen)}")
         for name, (least, most, unit) in _ALLOWED.items():
-            low, high = _as_range(getattr(self, name))
+            if (value := getattr(self, name)) is None:
+                continue
+            low, high = _as_range(value)
             if not least <= low <= high <= most:
                 order = ", the smaller value first" if low > high else ""
                 raise ValueError(f"{_spelled(name)} is {least:g} to {most:g} {unit}{order}")
@@ -70,7 +75,8 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def changes_senses(self) -> bool:
         """Whether a policy is given other observations than the environment's."""
-        return bool(self.without or self.noise or self.force_noise or self.changes_touch)
+        changes_picture = self.noise or self.light not in (None, (1.0, 1.0))
+        return bool(self.without or changes_picture or self.force_noise or self.changes_touch)
 
     @property
     def changes_touch(self) -> bool:
@@ -91,6 +97,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
             camera=rng.uniform(*self.camera),
             delay=min(int(rng.uniform(least, most + 1)), most),
             grip=rng.uniform(*self.grip),
+            light=rng.uniform(*(self.light or (1.0, 1.0))),
         )
 
     def in_words(self) -> tuple[str, ...]:
@@ -124,6 +131,7 @@ _ALLOWED: Mapping[str, tuple[float, float, str]] = {
     "camera": (-180.0, 180.0, "degrees"),
     "delay": (0, 100, "control steps"),
     "grip": (0.01, 10.0, "times"),
+    "light": (0.0, 100.0, "times"),
 }
 """The least and the greatest value of each change, and their unit."""
 
@@ -144,6 +152,9 @@ def _spelled(name: str) -> str:
 
 PERTURBATION_NAMES: Final = tuple(map(_spelled, _ALLOWED))
 """What can be changed, as it is spelled on the command line."""
+
+AS_USUAL: Final = DrawnConditions()
+"""What an episode has under the protocol's own conditions."""
 
 UNPERTURBED: Final = Perturbation()
 """The protocol's own conditions."""
@@ -168,16 +179,16 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
         if name in values:
             raise UsageError(f"the condition '{spelled}' is given twice")
         low, colon, high = text.partition(":")
-        usual = getattr(UNPERTURBED, name)
+        is_range = not isinstance(getattr(UNPERTURBED, name), float)
         number = int if name == "delay" else float
         try:
-            if isinstance(usual, tuple):
+            if is_range:
                 values[name] = number(low), number(high if colon else low)
             else:
                 values[name] = number(text)
         except ValueError:
             ranges = "1:3" if number is int else "0.5:2"
-            possible = f" or {spelled}={ranges}" if isinstance(usual, tuple) else ""
+            possible = f" or {spelled}={ranges}" if is_range else ""
             what = f"'{change}' is no condition; write {spelled}=2{possible}"
             raise UsageError(what) from None
     try:

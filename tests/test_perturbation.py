@@ -36,6 +36,9 @@ def test_conditions_are_read_as_they_are_typed():
         ([], ["delay=-1"], "delay is 0 to 100 control steps"),
         ([], ["delay=1000000"], "delay is 0 to 100 control steps"),
         ([], ["grip=0"], "grip is 0.01 to 10 times"),
+        ([], ["light=-1"], "light is 0 to 100 times"),
+        ([], ["light=nan"], "light is 0 to 100 times"),
+        ([], ["light=dim"], "write light=2 or light=0.5:2"),
         ([], ["grip=nan"], "grip is 0.01 to 10 times"),
         (["vision"], ["noise=1"], "--without vision"),
         (["forces"], ["force-noise=1"], "--without forces"),
@@ -58,7 +61,7 @@ def test_an_episodes_world_is_drawn_from_the_ranges():
 
 def test_a_draw_depends_on_no_other_condition_and_a_delay_is_each_whole_number():
     few, all_of_them = Perturbation(camera=(-5.0, 5.0)), Perturbation(
-        mass=(0.5, 2.0), camera=(-5.0, 5.0), delay=(1, 3), grip=(0.5, 1.0)
+        mass=(0.5, 2.0), camera=(-5.0, 5.0), delay=(1, 3), grip=(0.5, 1.0), light=(0.0, 0.5)
     )  # fmt: skip
     drawn = [
         [one.draw(np.random.default_rng(seed)) for one in (few, all_of_them)] for seed in range(50)

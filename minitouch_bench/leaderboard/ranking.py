@@ -17,7 +17,7 @@ from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
 from minitouch_bench.metrics.statistics import ALPHA, SHARE, holm, mcnemar_p, seeds_to_decide
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, MAIN_SUITE, PROTOCOL
 from minitouch_bench.protocol.spec import Split
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.runs.run import Run
@@ -32,14 +32,23 @@ BOARD_GOALS = tuple(task for task in BOARD_TASKS if task in GOAL_TASKS)
 OVERALL = "overall"
 """The key of the main suite's tasks together."""
 
+MEAN_KEYS: Mapping[str, str] = {MAIN_SUITE: OVERALL, DARK: DARK}
+"""By suite, the key of the mean success over its tasks with a goal."""
+
 
 def board_key(suite: str, task: str) -> str:
     """Return the key of a task of a suite, of which the board ranks the rows."""
     return task if suite == MAIN_SUITE else f"{suite}/{task}"
 
 
+MEAN_OF: Mapping[str, tuple[str, ...]] = {
+    key: tuple(board_key(suite, task) for task in PROTOCOL.suite(suite).tasks if task in GOAL_TASKS)
+    for suite, key in MEAN_KEYS.items()
+}
+"""By the key of a mean, the keys of the tasks that it is of."""
+
 RANKED_BY: Mapping[str, str] = {
-    OVERALL: MEAN_SUCCESS,
+    **dict.fromkeys(MEAN_OF, MEAN_SUCCESS),
     **{task: ranking_metric(task) for task in BOARD_TASKS},
     **{
         board_key(suite.name, task): ranking_metric(task)
@@ -76,14 +85,14 @@ def score(runs: RunsBySuite) -> Figures:
                 if len(estimates) == len(of_trainings):
                     possible = METRICS[metric].range_in(task)
                     found[metric] = intervals.over_seeds(estimates, possible)
-    if MAIN_SUITE in runs:
+    for suite in runs.keys() & MEAN_KEYS.keys():
+        key, number = MEAN_KEYS[suite], len(runs[suite])
         # Trainings of one task are independent of those of another, so their seeds are not paired.
-        mean = intervals.quadrature([figures[task]["success"] for task in BOARD_GOALS])
-        number = len(runs[MAIN_SUITE])
+        mean = intervals.quadrature([figures[part]["success"] for part in MEAN_OF[key]])
         if number > 1:
             method = f"{intervals.OVER_SEEDS}; {intervals.OVER_TASKS}"
             mean = replace(mean, count=number, method=method)
-        figures[OVERALL] = {MEAN_SUCCESS: mean}
+        figures[key] = {MEAN_SUCCESS: mean}
     return figures
 
 
@@ -190,7 +199,7 @@ def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[st
     """
     rankings = {}
     for key in RANKED_BY:
-        parts = BOARD_GOALS if key == OVERALL else (key,)
+        parts = MEAN_OF.get(key, (key,))
         present = [name for name, row in rows.items() if row.keys() >= {*parts}]
         if not present:
             continue

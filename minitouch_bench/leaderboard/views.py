@@ -29,7 +29,7 @@ from minitouch_bench.leaderboard.ranking import (
 from minitouch_bench.metrics import definitions
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, MAX_SEEDS
-from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
@@ -93,6 +93,7 @@ def views(board: Board) -> tuple[BoardView, ...]:
         _overall(board),
         *(_task(board, task) for task in BOARD_TASKS),
         *([_novel(board)] if any(row.novel_shapes for row in board.rows) else []),
+        *([_dark(board)] if any(DARK in row.figures for row in board.rows) else []),
         _touch(board),
     )
 
@@ -143,6 +144,22 @@ def _novel(board: Board) -> BoardView:
         if line.row and line.row.novel_shapes
     )
     return BoardView(NOVEL_SHAPES, "Novel shapes", lead, tuple(columns), tuple(lines))
+
+
+def _dark(board: Board) -> BoardView:
+    tasks = PROTOCOL.suite(DARK).tasks
+    goals = [task_title(task) for task in tasks if task in GOAL_TASKS]
+    columns = (
+        Column("Mean success", unit=f"{len(goals)} tasks ↑"),
+        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in tasks),
+    )
+    lead = (
+        "The light is off: every picture is black, and touch decides. Pushing is left out, because "
+        f"its target cannot be felt. Ordered by the mean success over {listed(goals)}."
+    )
+    keys = (DARK, *(board_key(DARK, task) for task in tasks))
+    lines = _lines(board, DARK, [(key, RANKED_BY[key]) for key in keys])
+    return BoardView(DARK, "Dark", lead, columns, lines)
 
 
 def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import Observation, Outcome, Start
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import checked
-from minitouch_bench.perturbation import UNPERTURBED, DrawnConditions, Perturbation
+from minitouch_bench.perturbation import AS_USUAL, UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
@@ -94,7 +94,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
         self.perturbation = perturbation
-        self.drawn = DrawnConditions()
+        self.drawn = AS_USUAL
         """What this episode has of ``perturbation``."""
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.

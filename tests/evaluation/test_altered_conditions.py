@@ -7,7 +7,7 @@ from minitouch_bench.api import evaluate
 from minitouch_bench.commands.verify import verify
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.rollout import AlteredSenses
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.perturbation import UNPERTURBED, DrawnConditions, Perturbation
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -35,7 +35,7 @@ def test_a_sense_stays_as_it_was_at_the_reset():
 
 def test_observations_are_late_after_their_noise_and_before_a_sense_is_frozen():
     perturbation = Perturbation(without=("forces",), noise=20.0, delay=(2, 2))
-    late = AlteredSenses(perturbation, 0, LIMIT, delay=2)
+    late = AlteredSenses(perturbation, 0, LIMIT, DrawnConditions(delay=2))
     noisy = AlteredSenses(Perturbation(noise=20.0), 0, LIMIT)
     seen = [noisy.alter(observation(level)) for level in range(50, 55)]
     given = [late.alter(observation(level)) for level in range(50, 55)]
@@ -43,6 +43,16 @@ def test_observations_are_late_after_their_noise_and_before_a_sense_is_frozen():
         assert np.array_equal(one["image"], seen[max(0, index - 2)]["image"])
         assert (one["touch"][:5] == max(50, 48 + index)).all()
         assert (one["touch"][FORCES] == 50).all()
+
+
+def test_light_multiplies_gray_levels_before_noise_and_saturates():
+    for light, level, expected in ((0.0, 90, 0), (0.5, 91, 46), (3.0, 90, 255)):
+        perturbation = Perturbation(light=(light, light))
+        senses = AlteredSenses(perturbation, 0, LIMIT, DrawnConditions(light=light))
+        assert (senses.alter(observation(level))["image"] == expected).all()
+    noisy = Perturbation(light=(0.0, 0.0), noise=20.0)
+    given = AlteredSenses(noisy, 0, LIMIT, DrawnConditions(light=0.0)).alter(observation(90))
+    assert 0 < given["image"].mean() < 20
 
 
 def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
