@@ -184,7 +184,8 @@ def method_blocks(comparison: MethodComparison) -> Iterator[tables.Block]:
             gate_report.p_text(one.effect.p_value),
             gate_report.p_text(one.p_adjusted),
             one.verdict,
-            *(f"{number:,}" if number else None for number in (one.to_decide, one.to_find)),
+            f"{one.to_decide:,}" if one.to_decide else None,
+            f"{one.to_find:,}" if one.to_find else None,
         )
         for one in comparison.metrics
     ]

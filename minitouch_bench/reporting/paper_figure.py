@@ -21,7 +21,7 @@ MARKS = "os^vDP*X"
 GROUP_WIDTH = 0.7
 """Room of the runs of one task, where the tasks are 1 apart."""
 
-SETTINGS = {
+SETTINGS: Any = {
     "svg.hashsalt": "minitouch-bench", "svg.fonttype": "none", "pdf.fonttype": 42,
     "axes.spines.top": False, "axes.spines.right": False, "font.size": 9,
     "legend.frameon": False, "savefig.dpi": 300,
@@ -63,13 +63,19 @@ def write_figure(report: Report, metrics: tuple[str, ...], path: Path) -> None:
     panels = {
         metric: tasks
         for metric in wanted
-        if (tasks := [task for task in report.tasks if _has_value(report, task, metric)])
+        if (
+            tasks := [
+                task
+                for task in report.tasks
+                if (metrics or ranking_metric(task) == metric) and _has_value(report, task, metric)
+            ]
+        )
     }
     if not panels:
         raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
     with rc_context(SETTINGS):
         widths = [len(tasks) for tasks in panels.values()]
-        size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 2.8)
+        size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 3.0)
         figure = Figure(size, layout="constrained")
         axes = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
         for one, (metric, tasks) in zip(axes, panels.items(), strict=True):
