@@ -20,7 +20,13 @@ from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS, Estimate, over_seeds
 from minitouch_bench.metrics.statistics import count_discordance, tango
-from minitouch_bench.reporting.labels import PAPER_METHODS, PAPER_NOTE, paper_cell, task_title
+from minitouch_bench.reporting.labels import (
+    MARK_NOTE,
+    PAPER_METHODS,
+    PAPER_NOTE,
+    paper_cell,
+    task_title,
+)
 
 STUDIES = Path(__file__).parent
 """Where each stored study has a folder: ``design.toml``, rows, report and figures."""
@@ -227,7 +233,7 @@ def _over_seeds(
         yield from ("", f"### {_title(point)}")
         yield from table_lines(["Metric", *methods, *(f"{one} (paper)" for one in paper)], rows)
     if len(part):
-        yield from _notes(SEEDS_NOTE, *([PAPER_NOTE] if with_paper else []))
+        yield from _notes(SEEDS_NOTE, *([f"{PAPER_NOTE} {MARK_NOTE}"] if with_paper else []))
 
 
 def _training_seeds(estimates: pd.DataFrame) -> Iterator[str]:

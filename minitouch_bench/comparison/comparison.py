@@ -103,7 +103,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    shared = [pairing.share_roles(_shared_parts(runs[0], other)) for other in runs[1:]]
+    shared = [pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:]]
     paired = [pairing.pair_runs(*both) for both in shared]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
     tested = [
@@ -141,26 +141,24 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
     )
 
 
-def _shared_parts(first: Run, second: Run) -> tuple[Run, Run]:
-    """Return two runs without the tasks that only one of them has.
+def shared_tasks(runs: Sequence[Run]) -> list[Run]:
+    """Return runs without the tasks that not all of them have.
 
     Raises:
         UsageError: they have no task in common.
     """
-    tasks = [task for task in first.tasks if task in second.tasks]
+    tasks = [task for task in runs[0].tasks if all(task in run.tasks for run in runs)]
     if not tasks:
-        of_each = " and ".join(
-            f"'{run.place}' of {', '.join(run.tasks)}" for run in (first, second)
-        )
+        of_each = " and ".join(f"'{run.place}' of {', '.join(run.tasks)}" for run in runs)
         raise UsageError(f"no task to compare: {printable(of_each)}")
     shared = []
-    for run in (first, second):
+    for run in runs:
         rows, exploration = (
             tuple(row for row in part if row.task in tasks)
             for part in (run.rows, run.exploration_rows)
         )
         shared.append(replace(run, rows=rows, exploration_rows=exploration))
-    return shared[0], shared[1]
+    return shared
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:

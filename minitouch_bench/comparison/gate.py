@@ -134,7 +134,8 @@ class Endpoint:
     """What decides: the mean of one metric over its tasks.
 
     ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
-    ``episodes_needed``: per task, to settle it, None for none or too many.
+    ``episodes_needed``: per task, to settle it, None for none or too many; ``seeds_needed``: the
+    same of training seeds on each side.
     """
 
     effect: Effect
@@ -143,6 +144,7 @@ class Endpoint:
     tolerance: float
     decision: Decision
     episodes_needed: int | None = None
+    seeds_needed: int | None = None
 
     @property
     def is_beyond(self) -> bool:

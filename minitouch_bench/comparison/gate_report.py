@@ -1,6 +1,7 @@
 """What a comparison and a gate's result look like: tables, JSON, Markdown and JUnit."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -9,10 +10,11 @@ from xml.etree import ElementTree
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.gate import Decision, GateResult
+from minitouch_bench.comparison.gate import Decision, GateResult, TrainingValue
 from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
 from minitouch_bench.errors import IncompleteCheckError, numbered, printable
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.statistics import MAX_SEEDS
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
     counted,
@@ -217,12 +219,20 @@ def endpoint_table(result: GateResult) -> tables.Table:
     return tables.Table(title, ("Task",), columns, (row,))
 
 
-def trainings_table(result: GateResult) -> tables.Table:
-    """Lay out the endpoint in the run of each training seed."""
-    effect = result.endpoint.effect
+def seeds_in_words(number: int | None, trainings: Sequence[TrainingValue]) -> str:
+    """Say how many training seeds of each side there should be, and how many more that is."""
+    if number is None:
+        return f"more than {MAX_SEEDS:,} training seeds on each side"
+    there = Counter(one.side for one in trainings)
+    more = " and ".join(f"{max(0, number - count)}" for count in dict.fromkeys(there.values()))
+    return f"about {number} training seeds on each side, {more} more,"
+
+
+def trainings_table(trainings: Sequence[TrainingValue], effect: Effect) -> tables.Table:
+    """Lay out an effect's metric in the run of each training seed."""
     rows = tuple(
         tables.make_row(printable(one.path), one.side, format_value(effect.metric, one.value))
-        for one in result.trainings
+        for one in trainings
     )
     columns = tables.make_columns("Side", f"{task_title(effect.task)} {effect.metric}")
     return tables.Table("Training seeds", ("Run",), columns, rows)
@@ -259,7 +269,7 @@ def _reason(result: GateResult) -> str:
     if endpoint.decision is Decision.NO_REGRESSION:
         return f"{change}, a worsening beyond the tolerance is excluded"
     if endpoint.decision is Decision.NOT_ENOUGH_SEEDS:
-        return f"{seen}; train more seeds"
+        return f"{seen}; {seeds_in_words(endpoint.seeds_needed, result.trainings)} would settle it"
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
@@ -295,7 +305,7 @@ def result_blocks(result: GateResult) -> Iterator[tables.Block]:
     yield from map(run_line, (result.baseline, result.candidate))
     yield ""
     if result.trainings:
-        yield trainings_table(result)
+        yield trainings_table(result.trainings, result.endpoint.effect)
     yield endpoint_table(result)
     yield from task_tables(result)
     yield ""

@@ -24,7 +24,13 @@ from minitouch_bench.leaderboard.board import (
 )
 from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
-from minitouch_bench.leaderboard.ranking import BOARD_GOALS, BOARD_TASKS, OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.ranking import (
+    BOARD_GOALS,
+    BOARD_TASKS,
+    MEAN_OF,
+    OVERALL,
+    RANKED_BY,
+)
 from minitouch_bench.leaderboard.submission import (
     MODALITIES,
     check_submission,
@@ -240,7 +246,7 @@ def _fresh(row: BoardRow) -> Table:
     rows = []
     for key, metrics in row.fresh.items():
         for name in dict.fromkeys((RANKED_BY[key], "exploration")):
-            if name in metrics and key != OVERALL:
+            if name in metrics and key not in MEAN_OF:
                 both = (row.figures[key][name], metrics[name])
                 head = (_title(key), METRICS[name].label)
                 rows.append(Row(head, tuple(labels.estimate_cell(name, one) for one in both)))

@@ -30,17 +30,19 @@ FREE_AIR = 1.0
 
 
 def report_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str]
+    sections: Sequence[RunSection], tasks: Sequence[str], *, with_paper: bool = True
 ) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
     figures = (
         charts.Figure(
-            "against-the-paper",
-            "Against the paper",
+            "estimates",
+            "Against the paper" if with_paper else "Estimates",
             "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
-            "other episodes and object sets.",
-            tuple(_estimate_plot(task, sections) for task in tasks),
+            "other episodes and object sets."
+            if with_paper
+            else "Each with its 95 % interval.",
+            tuple(_estimate_plot(task, sections, with_paper=with_paper) for task in tasks),
         ),
         steps_figure({task: _panels(task, sections) for task in goals}),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
@@ -107,11 +109,11 @@ def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis
     return charts.value_axis(label, 1.0 if METRICS[metric].is_fraction else max(values))
 
 
-def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: bool) -> charts.Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
     metric, title = ranking_metric(task), task_title(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, float(text)) for method, text in printed if text]
+    paper = [(method, float(text)) for method, text in printed if text and with_paper]
     marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
@@ -253,7 +255,7 @@ def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> chart
         f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
         f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
     )
-    altered = [one.name for one in sections if one.run.plan.conditions.change_the_forces]
+    altered = [one.name for one in sections if one.run.plan.conditions.changes_forces]
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."

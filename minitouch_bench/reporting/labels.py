@@ -34,11 +34,13 @@ OTHER_UNIT = "other unit"
 MARK = "†"
 """Stands behind such a value in tables, where there is no room for more."""
 
-PAPER_NOTE = (
-    f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
+PAPER_NOTE = f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION})."
+"""Printed below every table with values of the paper."""
+
+MARK_NOTE = (
     f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
 )
-"""Printed below every table with values of the paper."""
+"""Printed below every table with a MARK."""
 
 METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the

@@ -117,11 +117,16 @@ class Card:
 
 
 def make_card(
-    task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], image: str, rank: str = ""
+    task: str,
+    runs: Sequence[tuple[str, Mapping[str, Estimate]]],
+    image: str,
+    rank: str = "",
+    *,
+    with_paper: bool = True,
 ) -> Card:
     """Compose a task's card of ``runs`` (names, estimates), with the paper's own method."""
     metric = ranking_metric(task)
-    paper = paper_value(task, metric, PAPER_METHODS[0])
+    paper = paper_value(task, metric, PAPER_METHODS[0]) if with_paper else ""
     beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
     values = tuple(
         CardValue(

@@ -37,7 +37,7 @@ class Video:
 
 @dataclass(frozen=True)
 class Report:
-    """What every form of a report shows.
+    """What every form of a report shows, ``with_paper`` beside the paper's values.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
     run has both splits. ``episodes``: what the page's browser shows.
@@ -51,6 +51,7 @@ class Report:
     novel_shapes: tuple[Table, ...]
     episodes: Markup
     videos: tuple[Video, ...]
+    with_paper: bool = True
 
 
 def build_report(
@@ -62,6 +63,7 @@ def build_report(
     metrics: Sequence[str] = (),
     directory: Path | None = None,
     viewers: Mapping[str, Path] = MappingProxyType({}),
+    with_paper: bool = True,
 ) -> Report:
     """Compose the report of one or several runs.
 
@@ -69,7 +71,7 @@ def build_report(
     run that this process wrote, by episode.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
-    those of Table 4, () for the usual ones.
+    those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values.
 
     Raises:
         UsageError: no runs; runs of which a task was played by other rules; names that do not fit
@@ -90,13 +92,14 @@ def build_report(
         tasks=tasks,
         metrics=metrics,
         sections=sections,
-        table4=report_tables.table4(sections, tasks, metrics),
+        table4=report_tables.table4(sections, tasks, metrics, with_paper=with_paper),
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
         episodes=pages.browser_data(
             [_browsed(section, directory, viewers) for section in sections], tasks
         ),
         videos=tuple(videos),
+        with_paper=with_paper,
     )
 
 
@@ -168,7 +171,7 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks),
+        figures=report_figures(report.sections, report.tasks, with_paper=report.with_paper),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )
@@ -180,7 +183,7 @@ def report_card(report: Report, task: str) -> pages.Card:
     for section in report.sections:
         summary = report_tables.task_summary(section.run, task)
         runs.append((section.name, summary.estimates if summary else {}))
-    return pages.make_card(task, runs, pages.image_uri(task))
+    return pages.make_card(task, runs, pages.image_uri(task), with_paper=report.with_paper)
 
 
 def view_directory(run: Path) -> Path:
@@ -275,7 +278,7 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
             if estimate := report_tables.find_estimate(section.run, task, metric):
                 source = f"run ({known})" if known else "run"
                 yield (section.name, task, metric, *astuple(estimate), source)
-        for method in labels.PAPER_METHODS:
+        for method in labels.PAPER_METHODS if report.with_paper else ():
             if printed := labels.paper_value(task, metric, method):
                 is_other = metric in labels.METRICS_OF_UNKNOWN_UNIT
                 known = f"{labels.OTHER_UNIT}, {labels.CAVEAT}" if is_other else labels.CAVEAT

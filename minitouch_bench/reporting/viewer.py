@@ -134,9 +134,9 @@ def _given_columns(film: Film, conditions: Perturbation) -> dict[str, list[float
 
     T + 1 values per column; none at the end, since no action follows.
     """
-    if not conditions.change_the_forces:
+    if not conditions.changes_forces:
         return {}
-    changed = slice(None) if "touch" in conditions.without else PROTOCOL.observation.forces
+    changed = slice(None) if conditions.changes_touch else PROTOCOL.observation.forces
     given = (_in_units(film.touch).round(6) + 0.0).T.tolist()
     rest = [None] * (len(film.scenes) - len(film.touch))
     names = [f"given_{name}" for name in TOUCH_COLUMNS[changed]]
@@ -197,6 +197,7 @@ def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
         "scenes": _sprite(film.scenes, quality=SCENE_QUALITY),
         "images": _sprite(film.images, lossless=True),
     }
+    conditions = run.plan.conditions_in_light()
     html = render_page(
         TEMPLATES / "viewer.html.j2",
         ("viewer.css",),
@@ -204,6 +205,8 @@ def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
         title=title,
         run=run,
         spec=spec,
+        conditions=conditions.in_words(),
+        is_lit=conditions.light in (None, (1.0, 1.0)),
         goal=_goal(spec.task),
         ending=marks[-1],
         words=ending_in_words(film, printable(run.faults.get(spec.key, ""))),

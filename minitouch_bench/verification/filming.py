@@ -67,7 +67,7 @@ def film_episode(
     world = MiniTouchEnv(
         spec.task,
         plan.load_objects(),
-        perturbation=plan.conditions,
+        perturbation=plan.conditions_in_light(),
         width=width,
         height=height,
     )
