@@ -21,6 +21,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from pathlib import Path
 
 from minitouch_bench import errors
+from minitouch_bench.text import printable
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -164,7 +165,7 @@ def _lock(path: Path, *, wait: bool) -> int:
                 logging.getLogger(__name__).warning(
                     "%s: this file system has no locks (%s), so nothing stops a second command in "
                     "the same directory: start only one",
-                    errors.printable(str(path.parent)),
+                    printable(str(path.parent)),
                     error.strerror,
                 )
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile

@@ -15,6 +15,7 @@ from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.policies.policy import Isolation, isolation_options
+from minitouch_bench.text import numbered, printable
 
 if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
@@ -136,17 +137,13 @@ def _show(found: "Findings", run: Path) -> None:
     if len(found.problems) > SHOWN_PROBLEMS:
         lines.append(f"... and {len(found.problems) - SHOWN_PROBLEMS} more")
     if found.replayed:
-        lines.append(
-            f"{errors.numbered(found.replayed, 'episode')} replayed from their recorded actions"
-        )
+        lines.append(f"{numbered(found.replayed, 'episode')} replayed from their recorded actions")
     if found.reran:
-        lines.append(f"{errors.numbered(found.reran, 'episode')} run again with the checkpoint")
+        lines.append(f"{numbered(found.reran, 'episode')} run again with the checkpoint")
     answer, style = f"{run} is not verified", "bold red"
     if found.passed:
         answer = f"{run} is verified: every number follows from its episodes"
         style = "bold green"
     console = data_console()
     for line, look in (*((line, "") for line in lines), (answer, style)):
-        console.print(
-            errors.printable(line), style=look, markup=False, highlight=False, soft_wrap=True
-        )
+        console.print(printable(line), style=look, markup=False, highlight=False, soft_wrap=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import EpisodeSpec, Observation, Role
-from minitouch_bench.errors import PolicyFaultError, UsageError, printable
+from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.policies.formats import FORMATS
@@ -27,6 +27,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 END_OF_RECORDING = "the recorded actions end before the episode does"
 """The fault of a replayed episode that its policy broke off."""

@@ -12,7 +12,7 @@ from typing import Any
 from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, read_recorded_config
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError, printable
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
@@ -32,6 +32,7 @@ from minitouch_bench.policies.sources import (
 )
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.text import printable
 
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""

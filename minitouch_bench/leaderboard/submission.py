@@ -16,13 +16,7 @@ from msgspec import Meta
 
 from minitouch_bench import files
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import (
-    MiniTouchError,
-    PolicyLoadError,
-    RunDirectoryError,
-    UsageError,
-    printable,
-)
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.json_io import parse_toml, take_table, whole
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import (
@@ -32,6 +26,7 @@ from minitouch_bench.policies.sources import (
     check_zip,
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
+from minitouch_bench.text import printable
 
 SUBMISSION_FORMAT: Final = "minitouch-submission"
 VERSION: Final = 2

@@ -25,6 +25,7 @@ from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import fit_action
+from minitouch_bench.text import MAX_TEXT, describe, plain_line
 
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""
@@ -95,7 +96,7 @@ class PolicyProcess:
             answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self.target} cannot be loaded: {fault}") from fault
-        self.warning = errors.plain_line(answer.decode(errors="replace"), 2 * errors.MAX_TEXT)
+        self.warning = plain_line(answer.decode(errors="replace"), 2 * MAX_TEXT)
         late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
@@ -191,7 +192,7 @@ class PolicyProcess:
             kind, payload = self._channel.receive(deadline)
             if kind is wire.Frame.CONFINED:
                 return
-            text = errors.plain_line(payload.decode(errors="replace"))
+            text = plain_line(payload.decode(errors="replace"))
         self._stop(0.0)
         raise errors.InfrastructureError(
             f"the policy's process could not enter its sandbox: {text}"
@@ -225,9 +226,7 @@ class PolicyProcess:
         return payload
 
     def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
-        text = errors.plain_line(
-            payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
-        )
+        text = plain_line(payload.decode(errors="replace"), 2 * MAX_TEXT + len(self.target))
         if kind is wire.Frame.REFUSED and request is not wire.Frame.ACT:
             is_confined_factory = self._host is not None and self._host.setup.factory
             self._stop(0.0)
@@ -356,7 +355,7 @@ def _own_faults(kind: str) -> Iterator[None]:
     except BaseException as error:
         if policy.is_unreachable(kind, error):
             raise
-        raise errors.PolicyRaisedError(errors.describe(error)) from error
+        raise errors.PolicyRaisedError(describe(error)) from error
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:

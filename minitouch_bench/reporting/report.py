@@ -17,7 +17,7 @@ from markupsafe import Markup
 from rich.console import Console
 
 from minitouch_bench import files
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
@@ -25,6 +25,7 @@ from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
 from minitouch_bench.reporting.tables import Block, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 
 @dataclass(frozen=True)

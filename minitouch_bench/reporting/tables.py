@@ -20,7 +20,7 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from minitouch_bench.errors import printable
+from minitouch_bench.text import printable
 
 ABSENT = "—"
 """Written where a value does not exist; 0 would be a claim."""

@@ -24,22 +24,20 @@ from minitouch_bench.episode import (
     Role,
     Sha256,
 )
-from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError, printable
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import (
     Summary,
     TaskResult,
-    episodes_frame,
     measure,
-    results_html,
     summarize,
-    table4_frame,
     with_curves,
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan, first_of
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -194,11 +192,15 @@ class Run:
     @property
     def episodes(self) -> "pd.DataFrame":
         """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
+        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
+
         return episodes_frame(self.rows)
 
     @property
     def exploration_episodes(self) -> "pd.DataFrame":
         """The episodes of the exploration policy; no rows without one."""
+        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
+
         return episodes_frame(self.exploration_rows)
 
     def table4(self) -> "pd.DataFrame":
@@ -206,6 +208,8 @@ class Run:
 
         Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
         """
+        from minitouch_bench.metrics.frames import table4_frame  # noqa: PLC0415  pandas
+
         return table4_frame(self.summary)
 
     def __getitem__(self, task: str) -> TaskResult:
@@ -224,6 +228,8 @@ class Run:
         return "\n\n".join([printable(title), *(str(one) for one in self.summary.tasks)])
 
     def _repr_html_(self) -> str:
+        from minitouch_bench.metrics.frames import results_html  # noqa: PLC0415  pandas
+
         return results_html(str(self).partition("\n")[0], self.summary.tasks)
 
     def __repr__(self) -> str:

@@ -3,9 +3,10 @@
 from contextlib import closing
 from pathlib import Path
 
+from minitouch_bench.evaluation.engine import LocalEngine
 from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import EpisodeRunner, LocalEngine
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
