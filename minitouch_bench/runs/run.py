@@ -3,7 +3,6 @@
 Everything people look at is a view of it, and every check works on it.
 """
 
-import gzip
 import hashlib
 import os
 import zlib
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING, Final, Literal
 from minitouch_bench import files
 from minitouch_bench.episode import (
     IN_MEMORY,
-    Count,
     Episode,
     EpisodeSpec,
     PlayedEpisode,
@@ -26,6 +24,7 @@ from minitouch_bench.episode import (
 )
 from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.json_io import read_json, write_json
+from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import (
     Summary,
@@ -113,20 +112,6 @@ def make_header(
         exploration=exploration,
         isolation=isolation,
     )
-
-
-@dataclass(frozen=True)
-class RunEnvironment:
-    """Where and when a run was made; never part of its numbers.
-
-    ``started`` and ``wall_s`` (seconds) are those of its last part where it was resumed.
-    """
-
-    packages: Mapping[str, str]
-    machine: Mapping[str, str]
-    workers: Count
-    started: str
-    wall_s: float
 
 
 # Apart from ``Run``, whose ``episodes`` are a frame for Python users: here they are rows.
@@ -371,7 +356,7 @@ def run_json(run: Run) -> bytes:
 
 @dataclass(frozen=True)
 class _Mark:
-    format: str
+    format: Literal["minitouch-run"]
     version: int
 
 
@@ -382,8 +367,6 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
         RunDirectoryError: it is not a run, or of another version.
     """
     mark = read_json(content, _Mark, files.RUN_FILE)
-    if mark.format != RUN_FORMAT:
-        raise RunDirectoryError(f"{files.RUN_FILE}: its format is not '{RUN_FORMAT}'")
     if mark.version != RUN_VERSION:
         what = f"has version {mark.version}, not {RUN_VERSION}; use the program that wrote it"
         raise RunDirectoryError(f"{files.RUN_FILE} {what}")
@@ -416,8 +399,8 @@ def read_run(directory: Path) -> Run:
     try:
         content = files.read_file(file)
         if file.name == files.PACKED_RUN_FILE:
-            content = gzip.decompress(content)
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            content = files.unpack(content)
+    except zlib.error as error:
         raise RunDirectoryError(f"{file} is damaged: {error}") from error
     except FileNotFoundError as error:
         if (file.parent / files.JOURNAL_FILE).exists():

@@ -56,6 +56,7 @@ NOT_WATERTIGHT = (
     "not a watertight mesh; repair it in another program, such as Blender (3D Print Toolbox) "
     "or MeshLab, and import it again"
 )
+NO_SOLID = "no solid can be made of its surface, or too little memory is left"
 HOLLOW = "hollow, with a closed cavity inside; fill the cavity, or cut an opening into it"
 NO_VOLUME = "its surface encloses no volume"
 CROSSING = "its faces cross each other, so that it encloses no certain volume; repair it"
@@ -180,7 +181,11 @@ def _import_all(
     ]
     answers: dict[int, Imported] = {}
     for place, answer in run_in_workers(
-        import_in_worker, tasks, workers, name=lambda t: str(t[0]), ended=_worker_ended
+        import_in_worker,
+        tasks,
+        workers,
+        name=lambda task: str(task[0]),
+        ended=lambda text: (f"{NO_SOLID}: {text}", {}, b""),
     ):
         answers[place] = answer
         progress(len(answers), len(tasks))
@@ -204,10 +209,6 @@ def _limit_memory() -> None:
         mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         resource.setrlimit(resource.RLIMIT_AS, (mapped + MOST_MEMORY, hard))
-
-
-def _worker_ended(text: str) -> Imported:
-    return f"no solid can be made of its surface, or too little memory is left: {text}", {}, b""
 
 
 def import_one(task: tuple[Path, ImportConfig]) -> Imported:
@@ -418,9 +419,8 @@ def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) 
     return written
 
 
-def _obj(body: Body, name: str) -> dict[str, bytes]:
-    return {f"{name}.obj": obj_text((body.visual,)).encode()}
-
-
-WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {"urdf": body_files, "obj": _obj}
+WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {
+    "urdf": body_files,
+    "obj": lambda body, name: {f"{name}.obj": obj_text((body.visual,)).encode()},
+}
 """Every export format by name: from a body and its name to file names and their bytes."""
