@@ -8,12 +8,12 @@ from pathlib import Path
 
 import torch
 
-from minitouch_bench.evaluation import rollout
 from minitouch_bench.leaderboard import entry, fresh
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor, VisualEncoder
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.runs.plan import make_plan
+from tests.evaluation.runs import play_here
 
 EPISODES = 1
 STEPS = 10
@@ -37,7 +37,7 @@ def play_quickly(patch) -> None:
     play_few(patch)
     here = IsolationOptions(Isolation.NONE, trust=True)
     patch.setattr(entry, "prepare_policies", partial(entry.prepare_policies, isolation=here))
-    patch.setattr(rollout, "MiniTouchEnv", partial(rollout.MiniTouchEnv, max_steps=STEPS))
+    play_here(patch, STEPS)
 
 
 def write_policy(path: Path, seed: int = 0) -> Path:
