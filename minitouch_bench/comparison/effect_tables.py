@@ -16,7 +16,7 @@ from minitouch_bench.reporting.report_tables import OUTCOME_TITLES
 from minitouch_bench.text import printable
 
 SMALLEST_P = 0.0001
-"""A p-value below is written as such: the bootstrap draws no finer ones."""
+"""A smaller p-value is written as "less than this one": the bootstrap is no finer."""
 
 NOT_ALIKE = "The runs also differ beside the policies"
 
@@ -25,7 +25,7 @@ SHOWN_CHANGES = 20
 
 
 def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
-    """Lay out a task's values in both runs, their difference, and what follows."""
+    """Lay out a task's values in both runs, their difference, and more cells."""
     values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
     difference = difference_cell(effect.metric, effect.difference)
     return tables.make_row(task_title(effect.task), *values, difference, *cells)
@@ -34,7 +34,7 @@ def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
 def tables_by_metric(
     columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, *tuple[str | None, ...]]]
 ) -> Iterator[tables.Table]:
-    """Yield a table for each metric, in the metrics' order; a row is of an effect and cells."""
+    """Yield a table for each metric, in the metrics' order, from effects and more cells."""
     heads = {effect_head(effect): effect.metric for effect, *_ in rows}
     for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
         of_head = tuple(effect_row(*row) for row in rows if effect_head(row[0]) == head)
@@ -79,7 +79,7 @@ def effect_head(effect: Effect) -> str:
 
 
 def run_line(run: ComparedRun) -> str:
-    """Say which run a title stands for, and what must be known of it."""
+    """Name the run that has a title, with its labels."""
     labels = f" ({'; '.join(run.labels)})" if run.labels else ""
     return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
 
