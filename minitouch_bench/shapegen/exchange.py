@@ -356,9 +356,9 @@ def _solid_of(mesh: Mesh) -> solids.Solid:
     if len(parts) > MOST_PARTS:
         raise UnreadableError(f"{len(parts)} separate surfaces, at most {MOST_PARTS}")
     if solid.volume() < 0.0:
-        parts = [_turned(part) for part in parts]
+        parts = [solids.turned(part) for part in parts]
     bodies = [part for part in parts if part.volume() > 0.0]
-    inward = [_turned(part) for part in parts if part.volume() < 0.0]
+    inward = [solids.turned(part) for part in parts if part.volume() < 0.0]
     if sum(part.volume() for part in (*bodies, *inward)) < FLAT * float(mesh.extents.max()) ** 3:
         raise UnreadableError(NO_VOLUME)
     whole, cavities = solids.union(bodies), 0.0
@@ -369,23 +369,13 @@ def _solid_of(mesh: Mesh) -> solids.Solid:
             bodies.append(part)
     if len(bodies) > 1:
         # Grown by a thousandth on each side, hulls that only touch become one body.
-        joined = solids.union([_grown(part, 1.002) for part in bodies]).decompose()
+        joined = solids.union([solids.grown(part, 1.002) for part in bodies]).decompose()
         bodies = [part for part in joined if part.volume() > 0.0]
         whole = solids.union(bodies)
         cavities -= sum(part.volume() for part in joined if part.volume() < 0.0)
     if cavities > MOST_HOLLOW * whole.volume():
         raise UnreadableError(HOLLOW)
     return whole
-
-
-def _turned(part: solids.Solid) -> solids.Solid:
-    mesh = solids.to_mesh(part)
-    return solids.to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-
-
-def _grown(part: solids.Solid, factor: float) -> solids.Solid:
-    middle = np.array(part.bounding_box()).reshape(2, 3).mean(axis=0)
-    return part.translate((-middle).tolist()).scale([factor] * 3).translate(middle.tolist())
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
