@@ -356,7 +356,7 @@ def run_json(run: Run) -> bytes:
 
 @dataclass(frozen=True)
 class _Mark:
-    format: Literal["minitouch-run"]
+    format: str
     version: int
 
 
@@ -367,6 +367,8 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
         RunDirectoryError: it is not a run, or of another version.
     """
     mark = read_json(content, _Mark, files.RUN_FILE)
+    if mark.format != RUN_FORMAT:
+        raise RunDirectoryError(f"{files.RUN_FILE}: its format is not '{RUN_FORMAT}'")
     if mark.version != RUN_VERSION:
         what = f"has version {mark.version}, not {RUN_VERSION}; use the program that wrote it"
         raise RunDirectoryError(f"{files.RUN_FILE} {what}")
