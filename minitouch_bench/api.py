@@ -186,17 +186,15 @@ def evaluate(
         run = play_run(setup, opened, running, callbacks)
         if directory:
             with resumable(directory):
-                write_views(run, directory)
-                if video or replays:
-                    viewers = film_run(
-                        run,
-                        directory,
-                        videos=video,
-                        replays=replays,
-                        workers=running.workers,
-                        callbacks=callbacks,
-                    )
-                    write_views(run, directory, viewers)
+                viewers = film_run(
+                    run,
+                    directory,
+                    videos=video,
+                    replays=replays,
+                    workers=running.workers,
+                    callbacks=callbacks,
+                )
+                write_views(run, directory, viewers)
     return run
 
 

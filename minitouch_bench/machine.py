@@ -6,12 +6,14 @@ import platform
 import shlex
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from minitouch_bench.episode import Count
 from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 
 CPUINFO = Path("/proc/cpuinfo")
@@ -20,6 +22,20 @@ CPUINFO = Path("/proc/cpuinfo")
 
 CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
 """The versions that a clone was set up with; an installed package has no such file."""
+
+
+@dataclass(frozen=True)
+class RunEnvironment:
+    """Where and when a run was made; never part of its numbers.
+
+    ``started`` and ``wall_s`` (seconds) are those of its last part where it was resumed.
+    """
+
+    packages: Mapping[str, str]
+    machine: Mapping[str, str]
+    workers: Count
+    started: str
+    wall_s: float
 
 
 def machine_facts() -> dict[str, str]:

@@ -3,8 +3,8 @@
 import os
 import shutil
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatch
 from functools import partial
@@ -80,13 +80,7 @@ def run_training(
         )
     chosen = choose_device(device)
     keep_freed_memory()
-    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
-    with files.lock_directory(directory), ExitStack() as stack:
-        stack.callback(torch.set_num_threads, threads)
-        torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-        stack.callback(torch.set_default_dtype, dtype)
-        torch.set_default_dtype(torch.float32)
-        stack.enter_context(torch.inference_mode(False))  # also ends no_grad of the caller
+    with files.lock_directory(directory), _own_settings(), ExitStack() as stack:
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:
@@ -95,16 +89,12 @@ def run_training(
                 f"random (random_steps = {config.random_steps:,})"
             )
         callbacks.begin(config.steps)
-        environment = MiniTouchEnv(
-            config.task, config.objects or None, max_steps=config.episode_steps or None
-        )
-        stack.callback(environment.close)
-        world = MiniTouchEnv(config.task, None)  # of its evaluations
-        stack.callback(world.close)
-
-        specs = Plan(
-            EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed
-        ).specs()
+        limit = config.episode_steps or None
+        environment = MiniTouchEnv(config.task, config.objects or None, max_steps=limit)
+        world = MiniTouchEnv(config.task)  # of its evaluations
+        for one in (environment, world):
+            stack.callback(one.close)
+        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
 
         def on_row(row: ProgressRow) -> None:
             callbacks.row(row)
@@ -115,7 +105,7 @@ def run_training(
             config,
             environment,
             directory,
-            evaluate=partial(_evaluate, world, specs),
+            evaluate=partial(_evaluate, world, plan.specs()),
             callbacks=replace(callbacks, row=on_row),
             device=chosen,
         )
@@ -138,6 +128,20 @@ def run_training(
             if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
                 files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
+
+
+@contextmanager
+def _own_settings() -> Iterator[None]:
+    """Let torch compute on one thread, in float32 and with gradients, whatever the caller set."""
+    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
+    try:
+        torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+        torch.set_default_dtype(torch.float32)
+        with torch.inference_mode(False):  # also ends no_grad of the caller
+            yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_default_dtype(dtype)
 
 
 class _Events:

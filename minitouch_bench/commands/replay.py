@@ -7,8 +7,9 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
-from minitouch_bench.errors import CHECK_FAILED, UsageError, numbered
+from minitouch_bench.errors import CHECK_FAILED, UsageError
 from minitouch_bench.files import REPLAYS, make_folder, view_name
+from minitouch_bench.text import numbered
 
 VIEWER = ".html"
 

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from minitouch_bench.comparison import gate_report, pairing
+from minitouch_bench.comparison import effect_tables, pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,10 +85,10 @@ class Comparison:
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
-        return tables.as_text(comparison_blocks(self, gate_report.SHOWN_CHANGES))
+        return tables.as_text(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
 
     def _repr_html_(self) -> str:
-        return tables.as_html(comparison_blocks(self, gate_report.SHOWN_CHANGES))
+        return tables.as_html(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -185,14 +186,14 @@ def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) 
 
 def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.Block]:
     """Yield a whole comparison, with so many changed episodes of each pair."""
-    yield from map(gate_report.run_line, comparison.runs)
+    yield from map(effect_tables.run_line, comparison.runs)
     for pair in comparison.pairs:
         yield tables.Heading(f"{pair.second} against {pair.first}")
         if pair.identical:
             yield "The run digests are equal: every episode is the same to the last bit."
-        yield from (f"{gate_report.NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from (f"{effect_tables.NOT_ALIKE}: {note}." for note in pair.notes)
         yield from comparison_tables(pair)
-        yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
+        yield from effect_tables.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
     yield from map(tables.NoteBlock, comparison_notes())
 
@@ -206,14 +207,14 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     cells = [
         (
             compared.effect,
-            gate_report.p_text(compared.effect.p_value),
-            gate_report.p_text(compared.p_adjusted),
+            effect_tables.p_text(compared.effect.p_value),
+            effect_tables.p_text(compared.p_adjusted),
             compared.verdict,
             f"{compared.episodes_to_resolve:,}" if compared.episodes_to_resolve else None,
         )
         for compared in pair.metrics
     ]
-    return tuple(gate_report.tables_by_metric(columns, cells))
+    return tuple(effect_tables.tables_by_metric(columns, cells))
 
 
 def comparison_notes() -> tuple[str, ...]:
@@ -238,7 +239,7 @@ def comparison_notes() -> tuple[str, ...]:
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    tables.show(comparison_blocks(comparison, gate_report.SHOWN_CHANGES), console)
+    tables.show(comparison_blocks(comparison, effect_tables.SHOWN_CHANGES), console)
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -249,6 +250,6 @@ def comparison_markdown(comparison: Comparison) -> str:
 
 def comparison_json(comparison: Comparison) -> str:
     """Write a comparison; the keys are the fields of ``Comparison``."""
-    return gate_report.json_text(
+    return effect_tables.json_text(
         {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
     )

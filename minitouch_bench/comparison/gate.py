@@ -23,7 +23,7 @@ from minitouch_bench.comparison.pairing import (
     Pairs,
 )
 from minitouch_bench.episode import Outcome, Role, role_of, task_of
-from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError, printable
+from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
@@ -33,6 +33,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.text import printable
 
 SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
 """The levels that a gate can have. A test at a smaller level finds nothing: with a level of 1e-9

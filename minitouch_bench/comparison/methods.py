@@ -6,7 +6,7 @@ Two-sided, where the gate of ``retrainings`` is one-sided: the same differences 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-from minitouch_bench.comparison import gate_report, pairing
+from minitouch_bench.comparison import effect_tables, gate_report, pairing
 from minitouch_bench.comparison.comparison import effect_in_words, shared_tasks
 from minitouch_bench.comparison.gate import TrainingValue
 from minitouch_bench.comparison.pairing import MEAN_TASK, ComparedRun, Effect
@@ -16,7 +16,7 @@ from minitouch_bench.comparison.retrainings import (
     side_of,
     training_differences,
 )
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.statistics import (
     ALPHA,
@@ -30,6 +30,7 @@ from minitouch_bench.metrics.statistics import (
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import format_value, tasks_in_order
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 TITLES = ("A", "B")
 
@@ -170,7 +171,7 @@ def answer_line(comparison: MethodComparison) -> str:
 
 def method_blocks(comparison: MethodComparison) -> Iterator[tables.Block]:
     """Yield a whole comparison of methods; the last line is the answer."""
-    yield from map(gate_report.run_line, comparison.methods)
+    yield from map(effect_tables.run_line, comparison.methods)
     yield from (f"{note}." for note in comparison.notes)
     yield ""
     yield gate_report.trainings_table(comparison.trainings, comparison.main.effect)
@@ -181,15 +182,15 @@ def method_blocks(comparison: MethodComparison) -> Iterator[tables.Block]:
     rows = [
         (
             one.effect,
-            gate_report.p_text(one.effect.p_value),
-            gate_report.p_text(one.p_adjusted),
+            effect_tables.p_text(one.effect.p_value),
+            effect_tables.p_text(one.p_adjusted),
             one.verdict,
             f"{one.to_decide:,}" if one.to_decide else None,
             f"{one.to_find:,}" if one.to_find else None,
         )
         for one in comparison.metrics
     ]
-    yield from gate_report.tables_by_metric(columns, rows)
+    yield from effect_tables.tables_by_metric(columns, rows)
     yield ""
     yield from map(tables.NoteBlock, _notes())
     yield from ("", answer_line(comparison))
@@ -218,4 +219,4 @@ def methods_markdown(comparison: MethodComparison) -> str:
 def methods_json(comparison: MethodComparison) -> str:
     """Write a comparison of methods; the keys are the fields of ``MethodComparison``."""
     mark = {"format": "minitouch-methods", "version": METHODS_VERSION}
-    return gate_report.json_text({**mark, **asdict(comparison)})
+    return effect_tables.json_text({**mark, **asdict(comparison)})

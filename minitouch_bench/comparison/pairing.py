@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode, Outcome, episode_key, role_of
-from minitouch_bench.errors import UsageError, plain_line, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
@@ -21,6 +21,7 @@ from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import NAMED, Run, run_digest
+from minitouch_bench.text import plain_line, printable
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""

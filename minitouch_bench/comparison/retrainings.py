@@ -12,12 +12,13 @@ import numpy as np
 import scipy
 
 from minitouch_bench.comparison import gate, pairing
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, SHARE, seeds_to_decide
 from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 TITLES = ("baseline", "candidate")
 

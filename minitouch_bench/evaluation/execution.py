@@ -19,14 +19,19 @@ from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.machine import installed_versions, machine_facts, require, require_minari
+from minitouch_bench.machine import (
+    RunEnvironment,
+    installed_versions,
+    machine_facts,
+    require,
+    require_minari,
+)
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same, read_header
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import (
     Run,
-    RunEnvironment,
     RunHeader,
     make_header,
     make_run,
@@ -37,10 +42,10 @@ from minitouch_bench.simulation.client import BUILDS
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
-"""What a run's numbers may depend on; those that are installed stand in ``run.json``."""
+"""What a run's numbers may depend on; ``run.json`` has the versions of those installed."""
 
 HOPELESS_AFTER = 10
-"""A run whose first episodes, this many, are all policy faults ends there."""
+"""A run ends after so many episodes if all of them are policy faults."""
 
 LONGEST_NAME = 80
 """Characters of a policy in a run's name, and of what differs from its suite."""
@@ -66,8 +71,8 @@ def run_name(header: RunHeader) -> str:
 def default_directory(header: RunHeader, ending: str = "") -> Path:
     """Return the directory of a run without ``--output``, which has its name and ``ending``.
 
-    Where the run of a policy of another format has it already, as of x.onnx beside x.pt2, the name
-    has the format, too.
+    If a run of the same policy in another format has this directory, such as that of x.onnx beside
+    x.pt2, the name has the format, too.
     """
     usual = files.REPORTS / f"{run_name(header)}{ending}"
     with contextlib.suppress(errors.RunDirectoryError):
@@ -85,7 +90,7 @@ def _file_name(text: str) -> str:
 def open_run(
     header: RunHeader, directory: Path | None = None, *, resume: bool = False, fresh: bool = False
 ) -> Journal | Run:
-    """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
+    """Begin a run in a locked directory, or read what is done; a finished run is returned as it is.
 
     Without a directory the run is kept in memory only.
 
@@ -127,7 +132,7 @@ def open_run(
 
 
 def _check_empty(directory: Path) -> None:
-    """Refuse a directory of other files: one of them could be called as one of a run is."""
+    """Refuse a directory with other files, which could have the names of a run's files."""
     if entries := files.entries_of(directory):
         first = first_of([ascii(name) for name in entries], 1)
         raise errors.RunDirectoryError(

@@ -1,11 +1,9 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-import contextlib
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +13,6 @@ from minitouch_bench import errors
 from minitouch_bench.episode import EpisodeSpec, Observation, Outcome, PlayedEpisode, Role, Trace
 from minitouch_bench.perturbation import AS_USUAL, DrawnConditions, Perturbation
 from minitouch_bench.policies.policy import Policy, close_policy
-from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.minitouch import senses_generator
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES, SENSED_TOUCH
@@ -185,38 +182,3 @@ def _trace(
         object_state=np.array([info["object_state"] for info in infos], np.float64),
         first_touch_tick=int(steps[-1]["first_touch_tick"]) if steps else -1,
     )
-
-
-class LocalEngine:
-    """Runs each episode in one of ``workers`` processes."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-
-    def run(self, source: PolicyMaker, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
-        """Yield records as episodes end; a worker that dies is replaced, its episode retried.
-
-        Raises:
-            InfrastructureError: an episode failed three times for no fault of the policy.
-        """
-        records = run_in_workers(
-            partial(_run_episode, EpisodeRunner(source)),
-            specs,
-            self.workers,
-            name=lambda spec: f"episode {spec.key}",
-        )
-        with contextlib.closing(records):
-            for _, record in records:
-                yield record
-
-
-def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
-    """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
-    try:
-        return runner.run(spec)
-    except errors.OutOfMemoryError as error:
-        raise errors.OutOfMemoryError(f"episode {spec.key}: {error}") from error
-    except (errors.CheckpointChangedError, errors.InfrastructureError):
-        raise
-    except Exception as error:
-        raise errors.InfrastructureError(f"{type(error).__name__}: {error}") from error

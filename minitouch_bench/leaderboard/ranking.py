@@ -62,7 +62,7 @@ RANKED_BY: Mapping[str, str] = {
 BOARD_METRICS = tuple(
     name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
 )
-"""What a board shows of every task that has it."""
+"""The metrics that a board shows, in each task that has them."""
 
 Figures = dict[str, dict[str, intervals.Estimate]]
 """A row's estimates by the key of a table, then by metric."""
@@ -72,7 +72,7 @@ RunsBySuite = Mapping[str, Sequence[Run]]
 
 
 def score(runs: RunsBySuite) -> Figures:
-    """Return every estimate that each training has, by the key of its table.
+    """Return the estimates that all trainings have, by the key of their table.
 
     On novel shapes it is the metric that ranks a task, over the held-out shapes.
     """
@@ -104,7 +104,7 @@ def _estimate(run: Run, task: str, metric: str) -> intervals.Estimate | None:
 
 
 def values_by_key(runs: RunsBySuite) -> dict[str, list[list[float]]]:
-    """Return what ranks the rows: by key, of each training, the value of every episode.
+    """Return the values that rank the rows: by key, a list per training, a value per episode.
 
     On novel shapes these are the episodes with held-out shapes.
     """
@@ -158,7 +158,10 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
 
 @dataclass(frozen=True)
 class Rank:
-    """A row's rank: 1 + the rows that are significantly better; ``worst``: less those worse."""
+    """A row's rank: 1 + the number of better rows; ``worst``: all rows less the worse ones.
+
+    Better and worse rows are those that differ significantly.
+    """
 
     best: int
     worst: int
@@ -193,7 +196,7 @@ class Ranking:
 
 
 def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[str, Ranking]:
-    """Rank rows by name, in each table that two of them have, or one.
+    """Rank the rows in each table that at least one of them has.
 
     A row has by key, of each training seed, the episodes' values in the metric that ranks it.
     """

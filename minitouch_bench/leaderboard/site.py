@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from minitouch_bench import files
-from minitouch_bench.errors import RunDirectoryError, printable
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import views
@@ -46,6 +46,7 @@ from minitouch_bench.reporting.labels import group_faults, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 BOARD_TEMPLATES = Path(__file__).parent / "templates"
 STYLESHEETS = ("board.css",)

@@ -171,7 +171,7 @@ def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:
 
 
 def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[BoardLine, ...]:
-    """Return the lines with the ``wanted`` metrics by rank, then the paper's with a value."""
+    """Return the rows' lines in order with the ``wanted`` metrics, then the paper's lines."""
     lines = [
         replace(line, cells=tuple(_cell(line.row, *names) for names in wanted))
         for line in _heads(board, key)
@@ -221,7 +221,7 @@ UNDECIDED = "Not significantly different from"
 
 
 def explain_rank(board: Board, row: BoardRow, key: str) -> str:
-    """Say which rows a ranked row differs from in a task or OVERALL, and what is nearly settled."""
+    """Say which rows a ranked row differs from in a table, and which pair is nearly settled."""
     found: dict[str, list[str]] = {BETTER: [], WORSE: [], UNDECIDED: []}
     nearest = ""
     pairs = [pair for pair in board.pairs[key] if row.name in (pair.higher, pair.lower)]

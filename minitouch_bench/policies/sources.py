@@ -25,13 +25,13 @@ from minitouch_bench.errors import (
     MiniTouchError,
     PolicyLoadError,
     UsageError,
-    describe,
 )
 from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.text import describe
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
 KEPT_FILE = "final_{}_steps.safetensors"

@@ -24,7 +24,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import InvalidActionError, UsageError, describe
+from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.text import describe
 
 Rgba = tuple[float, float, float, float]
 

@@ -10,13 +10,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.episode import IN_MEMORY
-from minitouch_bench.errors import UsageError, numbered, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.tables import Cell, Gauge
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
+from minitouch_bench.text import numbered, printable
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"

@@ -20,7 +20,6 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from minitouch_bench.episode import Episode, Outcome, Role
-from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
@@ -29,6 +28,7 @@ from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper
 from minitouch_bench.reporting.svg import draw_gauge, draw_plot
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 TEMPLATES = Path(__file__).parent / "templates"
 PICTURES = Path(__file__).parent / "pictures"

@@ -6,7 +6,7 @@ CSV and JSON.
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
@@ -17,14 +17,15 @@ from markupsafe import Markup
 from rich.console import Console
 
 from minitouch_bench import files
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
 from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.tables import Block, Table
+from minitouch_bench.reporting.tables import Block, Cell, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 
 @dataclass(frozen=True)
@@ -244,7 +245,7 @@ def table4_latex(report: Report) -> str:
     suites = labels.listed([*dict.fromkeys(one.run.plan.suite for one in report.sections)])
     beside = ", beside the paper" if any(c.is_paper for c in report.table4.columns) else ""
     caption = f"MiniTouch, protocol {protocol}, suite {suites}{beside}."
-    return tables.table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
+    return table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
 
 
 def table4_csv(report: Report) -> str:
@@ -284,3 +285,85 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
                 known = f"{labels.OTHER_UNIT}, {labels.CAVEAT}" if is_other else labels.CAVEAT
                 source = f"paper ({known})"
                 yield (method, task, metric, float(printed), None, None, None, "", source)
+
+
+# LaTeX, in the style of the package booktabs
+
+LATEX_HEAD = r"""% \usepackage{booktabs,graphicx}
+\begin{table}
+  \centering\small\setlength{\tabcolsep}{4pt}"""
+SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+"""Makes what follows as narrow as the page, where it is wider."""
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        "\u2014": "---",
+        "\u2191": r"$\uparrow$",
+        "\u2193": r"$\downarrow$",
+        "\u2020": r"\textdagger{}",
+        "\u00b2": r"\textsuperscript{2}",
+        "\u2264": r"$\leq$",
+        "\u2265": r"$\geq$",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+    }
+)
+
+
+def escape_tex(text: str) -> str:
+    """Return the text so that LaTeX prints it and runs none of it."""
+    return printable(text).translate(_LATEX)
+
+
+def table_latex(table: Table, caption: str) -> str:
+    """Write a table as a float, its blocks below each other so that it fits a page.
+
+    The blocks must have the same columns. Intervals and units are printed on a line of small print.
+    """
+    blocks = [table.block(group) for group, _ in table.groups]
+    columns = blocks[0].columns if blocks else ()
+    width = len(table.corner) + len(columns)
+    names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
+    units = ["paper" if column.is_paper else column.unit for column in columns]
+    lines = [
+        LATEX_HEAD,
+        rf"  \caption{{{escape_tex(caption)}}}",
+        f"  {SHRINK}",
+        rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
+        r"    \toprule",
+        _latex_row([*map(escape_tex, table.corner), *names]),
+        *([_latex_small([*[""] * len(table.corner), *units])] if any(units) else []),
+    ]
+    for block in blocks:
+        lines.append(r"    \midrule")
+        if block.title:
+            name = rf"\textbf{{{escape_tex(block.title)}}}"
+            lines.append(rf"    \multicolumn{{{width}}}{{l}}{{{name}}} \\")
+        for row in block.rows:
+            lines.append(_latex_row((*map(escape_tex, row.heads), *map(_latex_cell, row.cells))))
+            small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
+            if any(small):
+                lines.append(_latex_small(small))
+    lines += [r"    \bottomrule", r"  \end{tabular}}"]
+    lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
+    return "\n".join([*lines, r"\end{table}", ""])
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = escape_tex(cell.text)
+    return rf"\textbf{{{text}}}" if cell.is_best else text
+
+
+def _latex_small(texts: Sequence[str]) -> str:
+    return _latex_row(rf"\scriptsize {escape_tex(text)}" if text else "" for text in texts)
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    line = " & ".join(cells)
+    # A bracket at the start of a line would be read as an option of the \\ before it.
+    return f"    {'{}' if line.startswith('[') else ''}{line} \\\\"

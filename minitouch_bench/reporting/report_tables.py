@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import (
     METRICS,
     NO_DIRECTION,
@@ -20,6 +20,7 @@ from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 

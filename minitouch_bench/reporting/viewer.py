@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import Film, Outcome
-from minitouch_bench.errors import numbered, printable
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
@@ -25,6 +24,7 @@ from minitouch_bench.reporting.labels import task_title
 from minitouch_bench.reporting.pages import TEMPLATES, ending_of, render_page
 from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import numbered, printable
 
 TOUCH_COLUMNS = (
     "end_effector_x_m", "end_effector_y_m", "end_effector_z_m",

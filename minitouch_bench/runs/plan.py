@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
-from minitouch_bench.errors import UsageError, numbered
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
@@ -26,6 +26,7 @@ from minitouch_bench.protocol.minitouch import (
 )
 from minitouch_bench.protocol.spec import CUBE, Split, SuiteSpec
 from minitouch_bench.shapegen import manifest
+from minitouch_bench.text import numbered
 
 NAMED_IN_LABEL = 6
 """Chosen episodes that a label names; the rest are counted."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodeSpec, Film, Observation, PlayedEpisode, Role
-from minitouch_bench.errors import RunDirectoryError, numbered
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import run_episode
@@ -27,6 +27,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.reporting.viewer import EpisodePage, episode_csv, episode_page
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.text import numbered
 from minitouch_bench.verification.replay_check import is_as_recorded
 from minitouch_bench.verification.static_check import refuse_unplayable
 
@@ -172,8 +173,10 @@ def film_run(
     ):
         for spec in specs:
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
+    if not jobs:
+        return {}
     workers = min(workers, core_count())
-    callbacks.note(f"the report is written; filming {numbered(len(jobs), 'episode')}")
+    callbacks.note(f"filming {numbered(len(jobs), 'episode')}")
     callbacks.phase("filming", len(jobs))
     longest_first = sorted(jobs.items(), key=lambda job: -len(run.actions_of(job[0].key)))
     for _, played in run_in_workers(
