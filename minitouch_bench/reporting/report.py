@@ -21,8 +21,9 @@ from minitouch_bench.errors import UsageError, printable
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import Figure, series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.tables import Block, Table
 from minitouch_bench.runs.run import Run
 
@@ -168,9 +169,26 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks),
+        figures=(start_map(report), *report_figures(report.sections, report.tasks)),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
+    )
+
+
+def start_map(report: Report) -> Figure:
+    """Draw where the episodes of each task and run begin and how they end."""
+    is_single = len(report.sections) == 1
+    return start_figure(
+        [
+            MappedTask(
+                task,
+                labels.task_title(task) + ("" if is_single else f": {section.name}"),
+                [[row for row in section.run.rows if row.task == task]],
+                f"{index} {task}",
+            )
+            for task in report.tasks
+            for index, section in enumerate(report.sections)
+        ]
     )
 
 
