@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.errors import UsageError
 
 
 def compare(
@@ -18,6 +19,10 @@ def compare(
             metavar="DIR", help="Write comparison.md and comparison.json to this directory."
         ),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Write a page with the tables and maps of starts."),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes.
@@ -27,10 +32,14 @@ def compare(
     from minitouch_bench import api
     from minitouch_bench.comparison.comparison import comparison_json, show_comparison
 
-    comparison = api.compare(*runs, output=output)
+    if html is not None and html.suffix != ".html":
+        raise UsageError(f"--html is an .html file, not '{html.name}'")
+    comparison = api.compare(*runs, output=output, html=html)
     if as_json:
         print(comparison_json(comparison), end="")
     else:
         show_comparison(comparison, data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
+    if html is not None:
+        note(f"page: {html}")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-COMPARISON_VERSION = 3
+COMPARISON_VERSION = 4
 """Of the JSON document."""
 
 
@@ -161,6 +161,12 @@ def _shared_parts(first: Run, second: Run) -> tuple[Run, Run]:
         )
         shared.append(replace(run, rows=rows, exploration_rows=exploration))
     return shared[0], shared[1]
+
+
+def paired_with_first(runs: Sequence[Run]) -> list[pairing.Pairs]:
+    """Return the pairs of episodes of each run and the first."""
+    shared = (pairing.share_roles(_shared_parts(runs[0], other)) for other in runs[1:])
+    return [pairing.pair_runs(*both) for both in shared]
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:

@@ -58,11 +58,11 @@ def changes_blocks(
         return
     columns = (
         *tables.make_columns(*titles, words=titles),
-        tables.Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
+        tables.Column("Replay", is_text=True, is_code=True),
     )
     rows = tuple(
         tables.make_row(
-            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replays[1]
+            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replay
         )
         for one in changes[:most]
     )
@@ -107,7 +107,7 @@ DECISION_STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "b
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 5
+RESULT_VERSION = 6
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"

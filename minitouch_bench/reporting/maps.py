@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.errors import numbered, printable
-from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.starts import StartTest, test_starts
 from minitouch_bench.metrics.statistics import SHARE
@@ -19,6 +19,9 @@ from minitouch_bench.reporting.pages import Ending, ending_of
 
 MOST_SPOTS = 1_000
 """Dots of a map; more are counted in cells."""
+
+MOST_STACKED = 200
+"""The same in Opening, whose starts lie on a line and are stacked."""
 
 SPOT, SMALL_SPOT = 6.0, 4.2
 """Drawing units: of up to ``FEW`` dots, and of more."""
@@ -80,8 +83,38 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
         "permutation test over all parts finds a difference. p is adjusted for the "
         f"{numbered(len(tested), 'map')} with a goal.",
         tuple(plots),
-        legend(levels),
+        _in_order(levels),
     )
+
+
+Pair = tuple[Episode, Episode]
+"""An episode as two policies played it."""
+
+
+def change_figure(
+    key: str, pairs: Mapping[str, Sequence[Pair]], titles: tuple[str, str]
+) -> charts.Figure:
+    """Draw by task where the second run succeeds and the first does not, and the reverse.
+
+    Playing has no success: the touch shares are compared.
+    """
+    first, second = titles
+    gained = LegendItem(f"{second} succeeds alone; in Playing, touches more", "success")
+    lost = LegendItem(f"{first} succeeds alone; in Playing, touches more", "fault")
+    equal = LegendItem("equal", "limit")
+    plots = []
+    for task, both in pairs.items():
+        value = METRICS[ranking_metric(task)].value
+        changes = [(value(other) or 0.0) - (value(one) or 0.0) for one, other in both]
+        levels = [gained if change > 0 else lost if change < 0 else equal for change in changes]
+        counts = Counter(levels)
+        placed = [(one, level) for (one, _), level in zip(both, levels, strict=True)]
+        note = f"gained {counts[gained]}, lost {counts[lost]}, equal {counts[equal]}"
+        mapped = MappedTask(task, task_title(task), ())
+        plots.append(draw_map(mapped, placed, f"{second} against {first}: {note} episodes."))
+    text = "Where episodes begin, seen from above and to scale, the robot below."
+    legend = (gained, lost, equal)
+    return charts.Figure(key, f"What {second} gains and loses", text, tuple(plots), legend)
 
 
 def sentence(test: StartTest) -> str:
@@ -102,8 +135,8 @@ def sentence(test: StartTest) -> str:
     )
 
 
-def legend(levels: Sequence[LegendItem]) -> tuple[LegendItem, ...]:
-    """Name the colors that occur, in the order of endings and shades."""
+def _in_order(levels: Sequence[LegendItem]) -> tuple[LegendItem, ...]:
+    """Return the levels that occur, in the order of endings and shades."""
     order = [*map(_of_ending, Ending), *map(_of_share, range(1, LEVELS + 1))]
     found = dict.fromkeys(levels)
     return tuple(sorted(found, key=lambda item: order.index(item) if item in order else 0))
@@ -137,10 +170,9 @@ def draw_map(
     """
     task, title = mapped.task, task_title(mapped.task)
     scenes = Counter(episode.seed for episode, _ in placed)
-    is_dense = len(scenes) > MOST_SPOTS or (task == OPENING.name and len(placed) > len(scenes))
-    if is_dense:
+    if len(scenes) > MOST_SPOTS or (task == OPENING.name and len(placed) > MOST_STACKED):
         marks = _blocks([(_cell(place_of(one)), level) for one, level in placed], CELL)
-    elif len(scenes) < len(placed):
+    elif len(scenes) < len(placed) and task != OPENING.name:
         marks = _blocks([(place_of(one), level) for one, level in placed], SCENE)
     else:
         marks = _spots(task, placed)
@@ -173,7 +205,7 @@ def _blocks(placed: Sequence[tuple[Place, LegendItem]], side: float) -> Iterator
     counts: dict[Place, Counter[LegendItem]] = {}
     for place, level in placed:
         counts.setdefault(place, Counter())[level] += 1
-    order = legend([level for _, level in placed])
+    order = _in_order([level for _, level in placed])
     most = max(found.total() for found in counts.values())
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
     for (x, y), found in counts.items():

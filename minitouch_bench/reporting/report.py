@@ -215,12 +215,12 @@ def view_directory(run: Path) -> Path:
 # The terminal
 
 
-def show_report(report: Report, console: Console) -> None:
-    """Print the tables."""
-    tables.show(report_blocks(report), console)
+def show_report(report: Report, console: Console, *, diagnostics: bool = False) -> None:
+    """Print the tables, ``diagnostics`` among them if asked for."""
+    tables.show(report_blocks(report, diagnostics=diagnostics), console)
 
 
-def report_blocks(report: Report) -> Iterator[Block]:
+def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Block]:
     """Yield the tables with their notes; a table's blocks of columns come one after the other."""
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
@@ -228,6 +228,9 @@ def report_blocks(report: Report) -> Iterator[Block]:
         for group, _ in table.groups:
             yield replace(table.block(group), title=f"{table.title}: {group}")
         yield from _notes(table)
+    if diagnostics:
+        yield report.diagnostics
+        yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
     yield from (line for section in report.sections for line in labels.fault_lines(section))
