@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class StartTest:
         return self.p_value <= ALPHA
 
 
-def test_starts(groups: Sequence[tuple[str, Sequence[Episode]]]) -> tuple[StartTest, ...]:
+def judge_starts(groups: Sequence[tuple[str, Sequence[Episode]]]) -> tuple[StartTest, ...]:
     """Test each group, a task with its episodes; the p-values are adjusted over all by Holm.
 
     Scenes are exchanged, not episodes: several trainings play the same scenes. The statistic is
@@ -146,15 +147,13 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[StartBin]:
     starts = [scene.start for scene in scenes]
     places = np.array([start.position[:2] for start in starts]).reshape(-1, 2)
     if task == OPENING.name:
-        yield from _parts(places[:, 1], THIRDS, "the cabinet’s middle is at y = {} to {} cm")
+        yield from _parts(places[:, 1], THIRDS, "the cabinet's middle is at y = {} to {} cm")
         return
     has_target = all(start.target for start in starts)
     origins = [start.target or start.end_effector[:2] for start in starts]
     away = places - np.array(origins).reshape(-1, 2)
     other = "its target" if has_target else "the hand"
-    yield from _parts(
-        np.hypot(*away.T), DISTANCES, f"the object lies {{}} to {{}} cm from {other}"
-    )
+    yield from _parts(np.hypot(*away.T), DISTANCES, f"the object lies {{}} to {{}} cm from {other}")
     ahead = np.round(np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi) * SECTORS) % SECTORS
     for sector, words in enumerate(DIRECTIONS):
         yield StartBin(f"the object lies {words} {other}", ahead == sector)
@@ -172,6 +171,6 @@ def _parts(values: Floats, number: int, words: str) -> Iterator[StartBin]:
     """Yield bins of about equally many scenes; ``words`` takes their ends, in cm of m."""
     edges = np.quantile(values, np.linspace(0, 1, number + 1))
     part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
-    for index, (low, high) in enumerate(zip(edges, edges[1:], strict=False)):
+    for index, (low, high) in enumerate(pairwise(edges)):
         ends = (f"{100 * low:.1f}", f"{100 * high:.1f}")
         yield StartBin(words.format(*ends), part == index)

@@ -3,13 +3,13 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.errors import numbered, printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
-from minitouch_bench.metrics.starts import StartTest, test_starts
+from minitouch_bench.metrics.starts import StartTest, judge_starts
 from minitouch_bench.metrics.statistics import SHARE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, OPENING, PROTOCOL, PUSHING
 from minitouch_bench.reporting import charts
@@ -66,7 +66,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     """
     tasks = [one for one in tasks if one.episodes]
     tested = [one for one in tasks if one.task in GOAL_TASKS]
-    tests = test_starts([(one.task, one.episodes) for one in tested])
+    tests = judge_starts([(one.task, one.episodes) for one in tested])
     sentences = {id(one): sentence(test) for one, test in zip(tested, tests, strict=True)}
     plots, levels = [], []
     for one in tasks:
@@ -266,9 +266,7 @@ def _tens(low: float, high: float) -> tuple[charts.Tick, ...]:
     return tuple(charts.Tick(10 * ten, str(10 * ten)) for ten in range(first, last + 1))
 
 
-def _scenery(
-    task: str, placed: Sequence[tuple[Episode, LegendItem]]
-) -> Iterator[charts.Mark]:
+def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterator[charts.Mark]:
     """Yield what lies around the starts: the target and its goal, the cabinet, or the hand."""
     if task == PUSHING.name:
         half = 50 * PUSHING.cube.side
@@ -305,7 +303,9 @@ def _families(mapped: MappedTask) -> Iterator[charts.Plot]:
     marks: list[charts.Mark] = []
     labels = []
     for row, name in enumerate(names):
-        trainings = ([one.success for one in part if one.family == name] for part in mapped.trainings)
+        trainings = (
+            [one.success for one in part if one.family == name] for part in mapped.trainings
+        )
         shares = [SHARE.estimate(wins, None) for wins in trainings if wins]
         marks += charts.estimate_marks(0, row, over_seeds(shares, (0.0, 1.0)))
         labels.append(f"{printable(name)} ({sum(share.count for share in shares)})")

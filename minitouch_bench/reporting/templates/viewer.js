@@ -86,7 +86,9 @@
   const place = document.querySelector(".panels");
   const cursor = document.querySelector(".cursor");
   const labels = document.querySelector(".labels");
-  labels.style.height = `${6 + 17 * Math.max(marks.length, 2)}px`;
+  const labelHeight = 6 + 17 * Math.max(marks.length, 2);
+  labels.style.height = `${labelHeight}px`;
+  cursor.style.top = `${labelHeight - 6}px`;
   let width = 0;
   const x = (time) => LEFT + (time / end) * (width - LEFT - RIGHT);
   const readouts = [];
