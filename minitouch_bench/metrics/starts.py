@@ -86,12 +86,14 @@ def _test_group(task: str, episodes: Sequence[Episode]) -> StartTest:
     played = np.array([len(group) for group in by_scene.values()], np.int64)
     untested = StartTest(len(episodes), len(by_scene), int(won.sum()))
     success = won / played
+    if len(by_scene) < 2 * FEWEST_SCENES or np.ptp(success) == 0.0:
+        return untested
     bins = [
         one
         for one in start_bins(task, [group[0] for group in by_scene.values()])
         if FEWEST_SCENES <= one.members.sum() <= len(by_scene) - FEWEST_SCENES
     ]
-    if not bins or np.ptp(success) == 0.0:
+    if not bins:
         return untested
     members = np.array([one.members for one in bins], np.float64)
     observed = _differences(success[None], members)[0]

@@ -306,7 +306,7 @@ def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts
         "The largest force of an episode by how it ended, episodes that touched: median (dot), "
         "middle half (thick) and range (thin) of each ending that has "
         f"{FEWEST} episodes or more. Each of a force's three components is cut off at "
-        f"{labels.force_limits(tuple(played) or GOAL_TASKS)}."
+        f"{labels.force_limits(tuple(played))}."
     )
     return charts.Figure("peak-forces", "How hard it pressed, and the outcome", text, tuple(plots))
 

@@ -263,7 +263,7 @@ TASKS = (*PAPER_TASKS, *(task for task in TASK_NAMES if task not in PAPER_TASKS)
 def force_limits(tasks: Sequence[str]) -> str:
     """Say where the components of a force are cut off, as "±50 N (Pick-up ±200 N)"."""
     limits = {task: f"±{PROTOCOL.task(task).force_limit:g} N" for task in tasks}
-    usual, _ = Counter(limits.values()).most_common(1)[0]
+    usual = max(limits.values(), key=[*limits.values()].count, default="")
     others = (f"{task_title(task)} {at}" for task, at in limits.items() if at != usual)
     return f"{usual}{''.join(f' ({other})' for other in others)}"
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.errors import numbered, printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
-from minitouch_bench.metrics.intervals import over_seeds
+from minitouch_bench.metrics.intervals import over_seeds, wilson
 from minitouch_bench.metrics.starts import StartTest, judge_starts
-from minitouch_bench.metrics.statistics import SHARE
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, OPENING, PROTOCOL, PUSHING
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import LegendItem
@@ -197,7 +196,8 @@ def place_of(episode: Episode) -> Place:
 
 
 def _cell(place: Place) -> Place:
-    return tuple(CELL * (math.floor(value / CELL) + 0.5) for value in place)  # type: ignore[return-value]
+    left, away = (CELL * (math.floor(value / CELL) + 0.5) for value in place)
+    return left, away
 
 
 def _blocks(placed: Sequence[tuple[Place, LegendItem]], side: float) -> Iterator[charts.Mark]:
@@ -306,7 +306,7 @@ def _families(mapped: MappedTask) -> Iterator[charts.Plot]:
         trainings = (
             [one.success for one in part if one.family == name] for part in mapped.trainings
         )
-        shares = [SHARE.estimate(wins, None) for wins in trainings if wins]
+        shares = [wilson(sum(wins), len(wins)) for wins in trainings if wins]
         marks += charts.estimate_marks(0, row, over_seeds(shares, (0.0, 1.0)))
         labels.append(f"{printable(name)} ({sum(share.count for share in shares)})")
     rows, x = charts.name_axis(labels), charts.value_axis("Success, share of episodes", 1.0)
