@@ -16,10 +16,10 @@ from minitouch_bench.episode import Role, role_of
 from minitouch_bench.reporting import pages, tables
 from minitouch_bench.reporting.charts import Figure, series_tone
 from minitouch_bench.reporting.labels import tasks_in_order
-from minitouch_bench.reporting.maps import Pair, change_figure
+from minitouch_bench.reporting.maps import EpisodePair, change_figure
 from minitouch_bench.runs.run import Run
 
-SHOWN_EPISODES = 10
+LISTED_CHANGES = 10
 """Changed episodes that the page lists with their commands."""
 
 
@@ -46,7 +46,7 @@ def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
             changes=tuple(
                 block
                 for block in gate_report.changes_blocks(
-                    pair.changes, (pair.first, pair.second), SHOWN_EPISODES
+                    pair.changes, (pair.first, pair.second), LISTED_CHANGES
                 )
                 if isinstance(block, tables.Table)
             ),
@@ -64,7 +64,7 @@ def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
     )
 
 
-def _by_task(pairs: Pairs, tasks: Sequence[str]) -> Mapping[str, list[Pair]]:
+def _by_task(pairs: Pairs, tasks: Sequence[str]) -> Mapping[str, list[EpisodePair]]:
     """Return the final policies' pairs of each task that has some."""
     final = [both for key, both in pairs.items() if role_of(key) is Role.FINAL]
     found = {task: [both for both in final if both[0].task == task] for task in tasks}

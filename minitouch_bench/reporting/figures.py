@@ -337,7 +337,9 @@ def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]
         names = [f"{ENDING_NAMES[ending]} ({len(peaks)})" for ending, peaks in panel.items()]
         rows = charts.name_axis(names)
         drawn.append(charts.Chart(x, rows, tuple(marks), charts.ROW * len(panel), title))
-    note = f"{cut} of {touched} peaks are at {limit:g} N or above, so possibly larger." if cut else ""
+    note = (
+        f"{cut} of {touched} peaks are at {limit:g} N or above, so possibly larger." if cut else ""
+    )
     what = f"{task_title(task)}: peak force by ending"
     return charts.Plot(task_title(task), what, tuple(drawn), note)
 

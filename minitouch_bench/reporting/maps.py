@@ -23,9 +23,9 @@ MOST_STACKED = 200
 """The same in Opening, whose starts lie on a line and are stacked."""
 
 SPOT, SMALL_SPOT = 6.0, 4.2
-"""Drawing units: of up to ``FEW`` dots, and of more."""
+"""Drawing units: of up to ``FEW_SPOTS`` dots, and of more."""
 
-FEW = 150
+FEW_SPOTS = 150
 SCENE, CELL = 1.7, 2.0
 """Sides in cm: of a scene that several trainings play, and of a cell of many scenes."""
 
@@ -86,12 +86,12 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     )
 
 
-Pair = tuple[Episode, Episode]
+EpisodePair = tuple[Episode, Episode]
 """An episode as two policies played it."""
 
 
 def change_figure(
-    key: str, pairs: Mapping[str, Sequence[Pair]], titles: tuple[str, str]
+    key: str, pairs: Mapping[str, Sequence[EpisodePair]], titles: tuple[str, str]
 ) -> charts.Figure:
     """Draw by task where the second run succeeds and the first does not, and the reverse.
 
@@ -222,7 +222,7 @@ def _blocks(placed: Sequence[tuple[Place, LegendItem]], side: float) -> Iterator
 
 def _spots(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterator[charts.Mark]:
     """Yield the dots of each color, rare colors above frequent ones."""
-    size = SPOT if len(placed) <= FEW else SMALL_SPOT
+    size = SPOT if len(placed) <= FEW_SPOTS else SMALL_SPOT
     places = [place_of(episode) for episode, _ in placed]
     if task == OPENING.name:
         places = _stacked(places, size)

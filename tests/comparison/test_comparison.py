@@ -195,7 +195,7 @@ def test_two_builds_of_the_simulator_are_one_difference():
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
     document = json.loads(comparison_json(comparison))
-    assert (document["format"], document["version"]) == ("minitouch-comparison", 3)
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 4)
     findings = document["pairs"][0]["metrics"]
     effect = next(f["effect"] for f in findings if f["effect"]["metric"] == "success")
     assert set(effect["difference"]) == {"value", "low", "high", "count", "method"}
