@@ -29,7 +29,7 @@ class PairView:
 
     pair: RunPair
     figure: Figure
-    tables: tuple[tables.Table, ...]
+    metrics: tuple[tables.Table, ...]
     changes: tuple[tables.Table, ...]
 
 
@@ -42,7 +42,7 @@ def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
             figure=change_figure(
                 f"maps-{pair.second}", _by_task(pairs, tasks), (pair.first, pair.second)
             ),
-            tables=comparison_tables(pair),
+            metrics=comparison_tables(pair),
             changes=tuple(
                 block
                 for block in gate_report.changes_blocks(

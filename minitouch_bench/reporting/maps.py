@@ -249,8 +249,8 @@ def _axes(task: str) -> tuple[charts.Axis, charts.Axis]:
     if task == PUSHING.name:
         most = 100 * PUSHING.cube_distance[1] + 1
         ticks = tuple(charts.Tick(at, f"{at:g}") for at in (-20, -10, 0, 10, 20))
-        left, away = "cm left of the target", "cm beyond it"
-        return charts.Axis(left, most, -most, ticks), charts.Axis(away, -most, most, ticks)
+        across = charts.Axis("cm left of the target", most, -most, ticks)
+        return across, charts.Axis("cm beyond it", -most, most, ticks)
     space = PROTOCOL.task(task).workspace
     (low, high), (right, left) = (
         (100 * space.low[axis] - MARGIN, 100 * space.high[axis] + MARGIN) for axis in (0, 1)
