@@ -16,6 +16,7 @@ from minitouch_bench.comparison.comparison import (
     comparison_json,
     comparison_markdown,
 )
+from minitouch_bench.comparison.comparison_page import comparison_html
 from minitouch_bench.comparison.methods import (
     MethodComparison,
     compare_method_runs,
@@ -199,10 +200,13 @@ def evaluate(
 
 
 @checked
-def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
+def compare(
+    *runs: Run | StrPath, output: StrPath | None = None, html: StrPath | None = None
+) -> Comparison:
     """Compare runs, or their directories, episode by episode, each with the first one.
 
-    With ``output`` comparison.md and comparison.json are written to this directory.
+    With ``output`` comparison.md and comparison.json are written to this directory, with ``html``
+    this file is written, a page that opens offline.
 
     Raises:
         UsageError: the runs have other episodes or another protocol.
@@ -213,6 +217,8 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     if output is not None:
         files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
         files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+    if html is not None:
+        files.write_file(Path(html), comparison_html(comparison, opened))
     return comparison
 
 

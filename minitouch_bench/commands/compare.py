@@ -29,6 +29,10 @@ def compare(
             metavar="DIR", help="Write comparison.md and comparison.json to this directory."
         ),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Write a page with the tables and maps of starts."),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes.
@@ -40,9 +44,13 @@ def compare(
     from minitouch_bench.comparison.methods import method_blocks, methods_json
     from minitouch_bench.reporting import tables
 
+    if html is not None and html.suffix != ".html":
+        raise UsageError(f"--html is an .html file, not '{html.name}'")
     if a or b:
         if runs:
             raise UsageError("compare takes either RUN... or --a RUN... --b RUN...")
+        if html is not None:
+            raise UsageError("--html is for compare RUN..., which pairs episodes")
         methods = api.compare_methods(a or [], b or [], output=output)
         if as_json:
             print(methods_json(methods), end="")
@@ -51,10 +59,12 @@ def compare(
         if output is not None:
             note(f"comparison: {output / 'comparison.md'}")
         return
-    comparison = api.compare(*(runs or ()), output=output)
+    comparison = api.compare(*(runs or ()), output=output, html=html)
     if as_json:
         print(comparison_json(comparison), end="")
     else:
         show_comparison(comparison, data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
+    if html is not None:
+        note(f"page: {html}")

@@ -37,6 +37,12 @@ def report(
         str | None,
         typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
     ] = None,
+    diagnostics: Annotated[
+        bool,
+        typer.Option(
+            "--diagnostics", help="Also print what explains Table 4: contact, force, time, endings."
+        ),
+    ] = False,
     table_format: Annotated[
         Literal["md", "latex", "csv", "json"] | None,
         typer.Option(
@@ -91,7 +97,7 @@ def report(
         print(reporting.TABLE_FORMATS[table_format](shown), end="")
         return
     reporting.write_page(shown, directory)
-    reporting.show_report(shown, data_console())
+    reporting.show_report(shown, data_console(), diagnostics=diagnostics)
     note(f"report: {directory / 'report.html'}")
 
 

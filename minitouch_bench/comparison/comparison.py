@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-COMPARISON_VERSION = 3
+COMPARISON_VERSION = 4
 """Of the JSON document."""
 
 
@@ -160,6 +160,12 @@ def shared_tasks(runs: Sequence[Run]) -> list[Run]:
         )
         shared.append(replace(run, rows=rows, exploration_rows=exploration))
     return shared
+
+
+def paired_with_first(runs: Sequence[Run]) -> list[pairing.Pairs]:
+    """Return the pairs of episodes of each run and the first."""
+    shared = (pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:])
+    return [pairing.pair_runs(*both) for both in shared]
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:

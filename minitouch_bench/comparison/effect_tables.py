@@ -49,11 +49,11 @@ def changes_blocks(
         return
     columns = (
         *tables.make_columns(*titles, words=titles),
-        tables.Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
+        tables.Column("Replay", is_text=True, is_code=True),
     )
     rows = tuple(
         tables.make_row(
-            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replays[1]
+            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replay
         )
         for one in changes[:most]
     )

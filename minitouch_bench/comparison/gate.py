@@ -387,7 +387,7 @@ def _next_command(
     """
     role = METRICS[endpoint.effect.metric].role
     replays = [
-        change.replays[1]
+        change.replay
         for change in changes
         if change.first is Outcome.SUCCESS
         and role_of(change.episode) is role

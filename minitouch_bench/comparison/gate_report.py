@@ -43,7 +43,7 @@ DECISION_STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "b
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 5
+RESULT_VERSION = 6
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"

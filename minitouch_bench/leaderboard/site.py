@@ -41,8 +41,9 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
-from minitouch_bench.reporting.figures import steps_figure, touch_figure
+from minitouch_bench.reporting.figures import peak_figure, steps_figure, touch_figure
 from minitouch_bench.reporting.labels import group_faults, task_title
+from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
@@ -286,11 +287,16 @@ def _faults(runs: Mapping[str, Sequence[Run]]) -> Mapping[str, Sequence[str]]:
 
 
 def submission_figures(played: PlayedRow) -> tuple[Figure, ...]:
-    """Return how long a row's episodes last, and its touch over time."""
+    """Return where a row's episodes succeed, how long they last, and how they touch."""
     runs = played.official[MAIN_SUITE]
     several = "; a line per training seed" if len(runs) > 1 else ""
     episodes = {task: [*chain(*played.episodes(task))] for task in BOARD_GOALS}
-    return (
-        steps_figure({task: {"": rows} for task, rows in episodes.items()}),
+    mapped = [MappedTask(task, task_title(task), played.episodes(task)) for task in BOARD_TASKS]
+    panels = {task: {"": rows} for task, rows in episodes.items()}
+    figures = (
+        start_figure(mapped),
+        steps_figure(panels),
         touch_figure(BOARD_TASKS, runs, more=several),
+        peak_figure(panels),
     )
+    return tuple(figure for figure in figures if figure.plots)

@@ -122,7 +122,8 @@ def _touch(board: Board) -> BoardView:
     metrics = [METRICS[name] for name in TOUCH_METRICS]
     columns = (Column(m.label, task_title(task), m.unit) for task in BOARD_TASKS for m in metrics)
     meanings = (f"{metric.label}: {metric.meaning}." for metric in metrics)
-    lead = " ".join(("What the fingers did, in the overall order.", *meanings))
+    bounds = labels.force_note(BOARD_TASKS)
+    lead = " ".join(("What the fingers did, in the overall order.", *meanings, bounds))
     wanted = [(task, name) for task in BOARD_TASKS for name in TOUCH_METRICS]
     return BoardView("touch", "Touch", lead, tuple(columns), _lines(board, OVERALL, wanted))
 

@@ -263,6 +263,23 @@ TASKS = (*PAPER_TASKS, *(task for task in TASK_NAMES if task not in PAPER_TASKS)
 """Every task, in the order of every table: the paper's, others after them."""
 
 
+def force_limits(tasks: Sequence[str]) -> str:
+    """Say where the components of a force are cut off, as "±50 N (Pick-up ±200 N)"."""
+    limits = {task: f"±{PROTOCOL.task(task).force_limit:g} N" for task in tasks}
+    usual = max(limits.values(), key=[*limits.values()].count, default="")
+    others = (f"{task_title(task)} {at}" for task, at in limits.items() if at != usual)
+    return f"{usual}{''.join(f' ({other})' for other in others)}"
+
+
+def force_note(tasks: Sequence[str]) -> str:
+    """Say what peak and contact force are bounded by in these tasks."""
+    return (
+        "Peak and contact force: of the finger that feels more, in steps with contact. Each of a "
+        f"force's three components is cut off at {force_limits(tasks)}: near it and above, a "
+        "force was possibly larger."
+    )
+
+
 def listed(names: Sequence[str]) -> str:
     """Join names inside a sentence, as "a, b and c"."""
     return " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else "".join(names)

@@ -89,8 +89,8 @@ def image_uri(task: str) -> str:
 
 # Cards
 
-BESIDE_SUCCESS = ("episode_steps", "touch_interaction")
-BESIDE_TOUCH = ("touched", "time_to_first_touch")
+BESIDE_SUCCESS = ("episode_steps", "touch_interaction", "peak_force", "contact_force")
+BESIDE_TOUCH = ("touched", "time_to_first_touch", "peak_force", "contact_force")
 """What a card shows beside the value that sums its task up."""
 
 
@@ -149,8 +149,9 @@ def make_card(
 
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
     estimate = estimates.get(metric)
-    unit = " s" if estimate and METRICS[metric].unit == "s" else ""
-    return estimate_cell(metric, estimate).text + unit
+    unit = METRICS[metric].unit
+    short = f" {unit}" if estimate and unit in ("s", "N") else ""
+    return estimate_cell(metric, estimate).text + short
 
 
 class Ending(StrEnum):

@@ -21,8 +21,9 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import Figure, series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.tables import Block, Cell, Table
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
@@ -172,9 +173,29 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks, with_paper=report.with_paper),
+        figures=(
+            start_map(report),
+            *report_figures(report.sections, report.tasks, with_paper=report.with_paper),
+        ),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
+    )
+
+
+def start_map(report: Report) -> Figure:
+    """Draw where the episodes of each task and run begin and how they end."""
+    is_single = len(report.sections) == 1
+    return start_figure(
+        [
+            MappedTask(
+                task,
+                labels.task_title(task) + ("" if is_single else f": {section.name}"),
+                [[row for row in section.run.rows if row.task == task]],
+                f"{index} {task}",
+            )
+            for task in report.tasks
+            for index, section in enumerate(report.sections)
+        ]
     )
 
 
@@ -201,12 +222,12 @@ def view_directory(run: Path) -> Path:
 # The terminal
 
 
-def show_report(report: Report, console: Console) -> None:
-    """Print the tables."""
-    tables.show(report_blocks(report), console)
+def show_report(report: Report, console: Console, *, diagnostics: bool = False) -> None:
+    """Print the tables, ``diagnostics`` among them if asked for."""
+    tables.show(report_blocks(report, diagnostics=diagnostics), console)
 
 
-def report_blocks(report: Report) -> Iterator[Block]:
+def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Block]:
     """Yield the tables with their notes; a table's blocks of columns come one after the other."""
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
@@ -214,6 +235,9 @@ def report_blocks(report: Report) -> Iterator[Block]:
         for group, _ in table.groups:
             yield replace(table.block(group), title=f"{table.title}: {group}")
         yield from _notes(table)
+    if diagnostics:
+        yield report.diagnostics
+        yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
     yield from (line for section in report.sections for line in labels.fault_lines(section))

@@ -157,6 +157,7 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
             *_label_notes(sections),
             "First touch: mean over the episodes that touched. Object movement: variance over "
             "the episode of the object's position, or of the door's angle.",
+            labels.force_note(tasks),
         ),
     )
 

@@ -234,8 +234,9 @@ class _ScreenColumn:
 
     @property
     def head(self) -> str:
-        """Its name."""
-        return f"{self.column.label}\n(paper)" if self.column.is_paper else self.column.label
+        """Its name, and its unit below."""
+        below = "(paper)" if self.column.is_paper else self.column.unit
+        return f"{self.column.label}\n{below}".rstrip()
 
     @property
     def width(self) -> int:

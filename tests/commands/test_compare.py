@@ -34,13 +34,15 @@ def runs(tmp_path_factory):
 
 
 def test_three_runs_are_compared_and_written(runs, tmp_path):
-    done = run("compare", "a", "b", "c", "--output", tmp_path / "page", directory=runs)
+    files = ("--output", tmp_path / "page", "--html", tmp_path / "page.html")
+    done = run("compare", "a", "b", "c", *files, directory=runs)
     assert done.code == 0, done.err
     assert "B against A" in done.out
     assert "C against A" in done.out
     assert "A is better" in done.out
     assert "minitouch-bench replay b " in done.out
     assert "comparison.md" in done.err
+    assert "What C gains and loses" in (tmp_path / "page.html").read_text()
     assert (tmp_path / "page" / "comparison.md").read_text().startswith("# Comparison of runs")
     document = json.loads((tmp_path / "page" / "comparison.json").read_text())
     again = run("compare", "a", "b", "c", "--json", directory=runs)
@@ -73,6 +75,7 @@ REFUSED = [
     (("a", "other"), 2, "protocols"),
     (("a", "gone"), 6, "gone"),
     (("a", "b", "--output", "a/run.json/x"), 6, "written"),
+    (("a", "b", "--html", "page.pdf"), 2, ".html"),
 ]
 
 
