@@ -1,11 +1,13 @@
 """Episodes as a dataset: in Minari's format, or in LeRobot's."""
 
 import contextlib
+import logging
+import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +75,16 @@ class LeRobotWriter:
     It has an episode's observations before each action, so not the one that the last led to.
     """
 
-    library = staticmethod(partial(require, "lerobot.datasets", "lerobot"))
+    @staticmethod
+    def library() -> Any:
+        """Import LeRobot's datasets, which otherwise print a page and a bar per episode.
+
+        Raises:
+            MissingExtraError: LeRobot is not installed.
+        """
+        os.environ.setdefault("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
+        logging.getLogger("lerobot").setLevel(logging.ERROR)
+        return require("lerobot.datasets", "lerobot")
 
     def __init__(self, folder: Path, environment: MiniTouchEnv, policy: str) -> None:
         self._instruction = lerobot.INSTRUCTIONS[environment.task.spec.name]
