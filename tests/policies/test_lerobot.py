@@ -3,6 +3,8 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -79,9 +81,18 @@ def test_weights_alone_are_refused(tmp_path):
 # With LeRobot
 
 
+class Made(NamedTuple):
+    """A policy in memory with its processors, and the directory where LeRobot saved them."""
+
+    folder: Path
+    policy: Any
+    before: Any
+    after: Any
+
+
 @pytest.fixture(scope="module")
-def checkpoints(tmp_path_factory):
-    """A small ACT and a small Diffusion Policy with random weights, as LeRobot saves them."""
+def made(tmp_path_factory):
+    """A small ACT and a small Diffusion Policy with random weights, saved by LeRobot, by type."""
     pytest.importorskip("lerobot.policies.factory", reason=INSTALL)
     import torch
     from lerobot.configs import FeatureType, PolicyFeature
@@ -110,6 +121,7 @@ def checkpoints(tmp_path_factory):
         "diffusion": {"down_dims": (16, 32), "horizon": 8, "n_action_steps": PLAYED,
                       "num_inference_steps": 2},
     }  # fmt: skip
+    made = {}
     for kind, settings in small.items():
         config = make_policy_config(
             kind,
@@ -119,21 +131,22 @@ def checkpoints(tmp_path_factory):
             pretrained_backbone_weights=None,
             **settings,
         )
+        policy = get_policy_class(kind)(config).eval()
+        processors = make_pre_post_processors(config, dataset_stats=stats)
         folder = tmp_path_factory.mktemp("saved") / kind
-        get_policy_class(kind)(config).save_pretrained(folder)
-        for processor in make_pre_post_processors(config, dataset_stats=stats):
-            processor.save_pretrained(folder)
+        for part in (policy, *processors):
+            part.save_pretrained(folder)
         table = json.loads((folder / lerobot.CONFIG).read_text())
         table |= {"device": "cuda", "pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1"}
         (folder / lerobot.CONFIG).write_text(json.dumps(table))  # as most trainings leave it
-        small[kind] = folder
-    return small
+        made[kind] = Made(folder, policy, *processors)
+    return made
 
 
 @pytest.fixture
-def act(checkpoints, tmp_path):
-    """A copy of the ACT, to be changed."""
-    return shutil.copytree(checkpoints["act"], tmp_path / "act")
+def act(made, tmp_path):
+    """A copy of the ACT's directory, to be changed."""
+    return shutil.copytree(made["act"].folder, tmp_path / "act")
 
 
 def play(policy, observations, seed=5):
@@ -154,43 +167,37 @@ def observations():
 
 
 @pytest.fixture(scope="module")
-def expected(checkpoints, observations):
-    """What LeRobot itself does upon the observations, by the policy's type."""
+def expected(made, observations):
+    """What LeRobot's policies do upon the observations, by their type, given as to its own."""
     import torch
-    from lerobot.configs import PreTrainedConfig
     from lerobot.envs.utils import preprocess_observation
-    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
     actions = {}
-    for kind, folder in checkpoints.items():
-        config = PreTrainedConfig.from_pretrained(folder)
-        config.device, config.pretrained_backbone_weights = "cpu", None  # LeRobot would fetch them
-        policy = get_policy_class(kind).from_pretrained(folder, config=config)
-        before, after = make_pre_post_processors(policy.config, str(folder))
-        policy.reset()
+    for kind, own in made.items():
+        own.policy.reset()
         torch.manual_seed(5)
         actions[kind] = []
         for one in observations:
             image = np.repeat(one["image"][0][None, :, :, None], 3, axis=3)
             seen = preprocess_observation({"pixels": image, "agent_pos": one["touch"][None]})
-            (action,) = after(policy.select_action(before(seen)))
+            (action,) = own.after(own.policy.select_action(own.before(seen)))
             actions[kind].append(action.numpy())
     return {kind: np.stack(taken) for kind, taken in actions.items()}
 
 
 @pytest.mark.parametrize("kind", ["act", "diffusion"])
-def test_it_acts_as_in_lerobot(checkpoints, observations, expected, kind):
+def test_it_acts_as_in_lerobot(made, observations, expected, kind):
     import torch
 
-    policy = load(checkpoints[kind])
+    policy = load(made[kind].folder)
     torch.manual_seed(5)
     assert play(policy, observations).tobytes() == expected[kind].tobytes()
     chunks = expected[kind][:PLAYED], expected[kind][PLAYED : 2 * PLAYED]
     assert not np.array_equal(*chunks)
 
 
-def test_in_the_sandbox_a_chunk_ends_with_its_episode(checkpoints, observations, expected):
-    with PolicyProcess(parse_source(str(checkpoints["act"]))) as process:
+def test_in_the_sandbox_a_chunk_ends_with_its_episode(made, observations, expected):
+    with PolicyProcess(parse_source(str(made["act"].folder))) as process:
         for _ in range(2):
             assert play(process, observations).tobytes() == expected["act"].tobytes()
         assert not np.array_equal(play(process, observations[1:])[0], expected["act"][1])
