@@ -13,7 +13,7 @@ import safetensors.numpy
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.policy import load_policy
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source, read_checkpoint
 
 INSTALL = "make test-lerobot has an environment with LeRobot"

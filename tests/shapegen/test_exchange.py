@@ -12,8 +12,8 @@ from minitouch_bench.files import MIB
 from minitouch_bench.shapegen import exchange
 from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.exchange import ImportConfig, export, import_objects, import_one
+from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.mesh import Mesh
 from minitouch_bench.shapegen.object_files import find_objects, read_object
 from minitouch_bench.shapegen.solids import Solid, to_mesh
 from tests.shapegen.bodies import BLOCK
