@@ -18,6 +18,7 @@ from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
+from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import (
@@ -29,6 +30,7 @@ from minitouch_bench.policies.sources import (
     SubmittedTraining,
     parse_hub_address,
     parse_source,
+    read_checkpoint,
 )
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
@@ -151,7 +153,8 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
         if part.address:
             hub = parse_hub_address(part.address)
             path, address = Path(hub.file), f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
-        yield CheckpointFile(role, task, path.name, part.digest, address), path
+        name = f"{task}{lerobot.SUFFIX}" if Path(part.target).is_dir() else path.name
+        yield CheckpointFile(role, task, name, part.digest, address), path
 
 
 def pack_submission(
@@ -185,9 +188,7 @@ def pack_submission(
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
         for one in trainings:
             for file, source in one.files.items():
-                with files.os_errors_as(RunDirectoryError, source, "copied"):
-                    content = files.read_file(source, files.LARGEST_CHECKPOINT, follow=True)
-                    files.write_file(copy / one.training.place(file), content)
+                files.write_file(copy / one.training.place(file), read_checkpoint(source))
         for problem in check_submission(copy):
             raise UsageError(problem)
         _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)
