@@ -41,10 +41,21 @@ from minitouch_bench.verification.filming import film_run, require_video, show_e
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
+    from minitouch_bench.verification.export import Export
 else:
-    TrainingCallbacks = object  # its module imports torch; ``run_training`` checks its type
+    Export = TrainingCallbacks = object  # their modules import torch
 
-__all__ = ["Run", "TaskResult", "compare", "evaluate", "load_run", "make", "replay", "train"]
+__all__ = [
+    "Run",
+    "TaskResult",
+    "compare",
+    "evaluate",
+    "export",
+    "load_run",
+    "make",
+    "replay",
+    "train",
+]
 
 AUTO_OUTPUT = "auto"
 """Means the directory that the command line takes by default."""
@@ -189,6 +200,24 @@ def evaluate(
                     )
                     write_views(run, directory, viewers)
     return run
+
+
+@checked
+def export(module: object, path: StrPath, task: str) -> Export:
+    """Export a torch module on (image, touch) as a .pt2 file that acts like it.
+
+    Module and file play an episode of the task side by side; ``print`` what is returned. The file
+    is written only if all their actions are the same. The module is exported as it evaluates
+    (``eval()``), on the CPU.
+
+    Raises:
+        UsageError: no such task, not a torch module, or a file name without .pt2.
+        PolicyLoadError: the module cannot be exported or fails in the episode, or the file acts
+            differently; the text names the state that the export has lost.
+    """
+    from minitouch_bench.verification.export import export_module  # noqa: PLC0415  imports torch
+
+    return export_module(module, Path(path), task)
 
 
 @checked

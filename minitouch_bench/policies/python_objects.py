@@ -85,6 +85,13 @@ class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
         return None
 
 
+def digest_object(value: object) -> str:
+    """Return the SHA-256 of an object's content, the same in each process."""
+    written = io.BytesIO()
+    _Digester(written).dump(value)
+    return hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
+
+
 def _tensor_content(torch: Any, tensor: Any) -> object:
     if tensor.layout is not torch.strided or tensor.is_quantized or tensor.is_meta:
         return None  # it has no bytes of its own: it is written as it is pickled
@@ -122,9 +129,8 @@ def keep_in_memory(policy: object) -> PolicySource:
         PolicyLoadError: it is not a policy, or cannot be copied.
     """
     try:
-        acting, written = _acting_part(policy), io.BytesIO()
-        content = cloudpickle.dumps(acting)
-        _Digester(written).dump(acting)
+        acting = _acting_part(policy)
+        content, digest = cloudpickle.dumps(acting), digest_object(acting)
     except (PolicyLoadError, KeyboardInterrupt):
         raise
     except BaseException as error:  # whatever an object raises when it is pickled
@@ -132,7 +138,6 @@ def keep_in_memory(policy: object) -> PolicySource:
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
             f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"
         ) from error
-    digest = hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
     name = type(policy).__name__
     return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
 
