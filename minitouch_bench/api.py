@@ -279,6 +279,7 @@ def train(
     resume: bool = False,
     fresh: bool = False,
     device: str = "auto",
+    trust: bool = False,
     progress: bool | None = None,
     callbacks: "TrainingCallbacks | None" = None,
 ) -> Path:
@@ -311,7 +312,8 @@ def train(
     changes = {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = take_table(changes, TrainingConfig, base=base)
-    name = "-".join((asked.task, asked.method, *(f"no-{sense}" for sense in asked.without)))
+    method = asked.method.rpartition(":")[2]
+    name = "-".join((asked.task, method, *(f"no-{sense}" for sense in asked.without)))
     usual = TRAININGS / f"{name}-{asked.seed}"
     directory = usual if output is None else Path(output)
     with ExitStack() as showing:
@@ -319,7 +321,13 @@ def train(
             callbacks = TrainingCallbacks(**showing.enter_context(training_progress()))
         callbacks = callbacks or NO_CALLBACKS
         is_done = run_training(
-            asked, directory, resume=resume, fresh=fresh, device=device, callbacks=callbacks
+            asked,
+            directory,
+            resume=resume,
+            fresh=fresh,
+            device=device,
+            trust=trust,
+            callbacks=callbacks,
         )
     if not is_done:
         raise InterruptedRunError(

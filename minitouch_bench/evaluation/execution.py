@@ -33,7 +33,7 @@ from minitouch_bench.runs.run import (
     read_run,
     run_json,
 )
-from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.simulation.builds import BUILDS
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())

@@ -8,7 +8,6 @@ can depend on another one.
 import hashlib
 import inspect
 import io
-import os
 import pickle
 import re
 import sys
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import PolicyLoadError, describe
-from minitouch_bench.machine import look_up
+from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.policy import (
     Observation,
     Policy,
@@ -52,9 +51,7 @@ def load_factory(source: PolicySource) -> Policy:
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
-    factory = look_up(source.target)
+    factory = look_up_own(source.target)
     if not callable(factory):
         raise PolicyLoadError("it cannot be called to make a policy")
     return make_policy(factory, source.deterministic)
