@@ -2,7 +2,6 @@
 
 import math
 import os
-import sys
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, Rgba
 from minitouch_bench.simulation.builds import check_version
 

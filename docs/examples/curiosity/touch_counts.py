@@ -1,4 +1,5 @@
 import torch
+
 from minitouch_bench.agents.curiosity import Curiosity, Errors
 from minitouch_bench.simulation.observation import FORCES, POSITION
 
@@ -10,7 +11,7 @@ class TouchCounts(Curiosity):
 
     def __init__(self, config, action_size):
         super().__init__(config)
-        # A buffer, so that checkpoints have it. Networks are attributes, too: the optimizer finds them.
+        # A buffer is in each checkpoint. A network is an attribute: the optimizer finds it.
         self.register_buffer("visits", torch.zeros(2 * CELLS**3))
 
     def errors(self, batch):
