@@ -37,7 +37,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 SUFFIX = ".pt2"
 
 ROUNDING = 1e-5
-"""Largest difference of two numbers of an action, of at most 1, that are the same."""
+"""Largest difference between numbers of an applied action, from -1 to 1, that are the same."""
 
 LOST = (
     "The export has lost {}: keep a state in a buffer that forward writes in place, as in "
@@ -80,7 +80,8 @@ class _SideBySide:
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the module's action."""
         action = fit_action(self._module.act(observation), self._size)
-        self.differences.append(float(np.abs(action - self._file.act(observation)).max()))
+        applied = [one.clip(-1.0, 1.0) for one in (action, self._file.act(observation))]
+        self.differences.append(float(np.abs(applied[0] - applied[1]).max()))
         return action
 
 
