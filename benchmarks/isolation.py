@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.recipes import run_recipes
 

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from minitouch_bench.protocol.spec import Split
 from minitouch_bench.shapegen.body_codec import Body
+from minitouch_bench.shapegen.geometry import Points, face_normals
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
-from minitouch_bench.shapegen.mesh import Points, face_normals
 from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
 
 BIN, BINS = 0.0025, 48

@@ -15,7 +15,7 @@ import torch
 from minitouch_bench.agents import METHODS, training
 from minitouch_bench.agents.config import PRESETS, TrainingConfig
 from minitouch_bench.agents.learner import Learner, kept_size
-from minitouch_bench.agents.replay import CheckpointFiles, Replay
+from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.processes import keep_freed_memory
@@ -28,9 +28,9 @@ RANDOM_STEPS, STEPS = 1000, 2000
 PARTS = {
     "simulator": ((MiniTouchEnv, "step"), (MiniTouchEnv, "reset")),
     "acting": ((Learner, "act"),),
-    "drawing a batch": ((Replay, "sample"),),
+    "drawing a batch": ((ReplayMemory, "sample"),),
     "learning": ((Learner, "update"),),
-    "writing": ((Replay, "add"), (CheckpointFiles, "save"), (training, "append_row")),
+    "writing": ((ReplayMemory, "add"), (CheckpointFiles, "save"), (training, "append_row")),
 }
 """The functions whose time makes each part; time in a function of another part is that part's."""
 
@@ -41,19 +41,19 @@ def main() -> None:
     torch.set_num_threads(1)
     preset = sys.argv[1] if len(sys.argv) > 1 else "default"
     for task in TASK_NAMES:
-        environment, replay, rate = fill(task)
-        columns = [part for part in replay.state().values() if isinstance(part, torch.Tensor)]
-        size = len(replay.images_since(0)) + sum(column.nbytes for column in columns)
-        memory = size / replay.rows
+        environment, memory, rate = fill(task)
+        columns = [part for part in memory.state().values() if isinstance(part, torch.Tensor)]
+        size = len(memory.images_since(0)) + sum(column.nbytes for column in columns)
+        memory = size / memory.rows
         print(f"{task}: {rate:.0f} control steps/s, {memory:.0f} bytes a transition")
     observation, _ = environment.reset(seed=0)
     for method in METHODS:
         config = replace(with_short_switch(PRESETS[preset](TASK_NAMES[-1])), method=method)
         learner = Learner(config, environment.task.spec, torch.device("cpu"))
         if method == "sac":  # the task phase of the others costs the same
-            learner.begin_task_phase(replay)
+            learner.begin_task_phase(memory)
         act = cpu_ms(ACTIONS, lambda learner=learner: learner.act(observation))
-        update = cpu_ms(UPDATES, lambda learner=learner: learner.update(replay, 0))
+        update = cpu_ms(UPDATES, lambda learner=learner: learner.update(memory, 0))
         print(f"{method}: {act:.1f} ms an action, {update:.1f} ms a gradient step")
     for method in METHODS:
         parts = control_step_ms(preset, method)
@@ -80,25 +80,25 @@ def cpu_ms(count: int, work: Callable[[], object]) -> float:
     return float(np.median(measured))
 
 
-def fill(task: str) -> tuple[MiniTouchEnv, Replay, float]:
+def fill(task: str) -> tuple[MiniTouchEnv, ReplayMemory, float]:
     """Return an environment, the replay memory of random actions, and steps per second."""
     environment = MiniTouchEnv(task)
     size = environment.action_space.shape[0]
-    replay = Replay(FILLED, TOUCH_SIZE, size, kept_size(size))
+    memory = ReplayMemory(FILLED, TOUCH_SIZE, size, kept_size(size))
     rng = np.random.default_rng(0)
     started, ended = time.process_time(), True
     for _ in range(FILLED):
         if ended:
             observation, _ = environment.reset(seed=int(rng.integers(2**31)))
-            replay.begin_episode(observation["image"], observation["touch"])
+            memory.begin_episode(observation["image"], observation["touch"])
         action = rng.uniform(-1, 1, size).astype(np.float32)
         observation, reward, terminated, truncated, info = environment.step(action)
-        replay.add(
+        memory.add(
             action, reward, observation["image"], observation["touch"],
             success=bool(info["is_success"]), ended=terminated,
         )  # fmt: skip
         ended = terminated or truncated
-    return environment, replay, FILLED / (time.process_time() - started)
+    return environment, memory, FILLED / (time.process_time() - started)
 
 
 def control_step_ms(preset: str, method: str) -> dict[str, float]:

@@ -126,7 +126,7 @@ def _detectable(
     squares = sum(np.square(np.subtract(one, np.mean(one))).sum() for one in (better, worse))
     spread = (squares / (len(better) + len(worse) - 2)) ** 0.5
     shift = detectable_shift(len(better), len(worse), level) if spread else float("nan")
-    is_beyond = METRICS[metric].is_share and np.mean(worse) + spread * shift > 1.0
+    is_beyond = METRICS[metric].is_fraction and np.mean(worse) + spread * shift > 1.0
     return float("nan") if is_beyond else float(spread * shift)
 
 

@@ -164,7 +164,7 @@ def _lengths(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
         _with_intervals(axes, ordered["exploration_steps"], ordered, styles[method], line="-")
     metric = METRICS[part["metric"].iloc[0]]
     axes.set(xlabel="Steps of exploration", ylabel=metric.label, xlim=(0, None))
-    axes.set_ylim(SHARE if metric.is_share else (0, 200))
+    axes.set_ylim(SHARE if metric.is_fraction else (0, 200))
 
 
 def _novel_shapes(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:

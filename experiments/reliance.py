@@ -10,11 +10,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import minitouch_bench as mt
-from minitouch_bench.episode import EpisodeSpec, PlayedEpisode, Role
+from minitouch_bench.episode import EpisodeSpec, Observation, PlayedEpisode, Role
 from minitouch_bench.evaluation.rollout import LocalEngine, WorldOf
 from minitouch_bench.metrics.intervals import wilson
 from minitouch_bench.metrics.summary import episodes_frame, measure
-from minitouch_bench.policies.policy import Observation, Policy, PolicySource, load_policy
+from minitouch_bench.policies.policy import Policy, PolicySource, load_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES

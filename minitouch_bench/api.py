@@ -22,7 +22,7 @@ from minitouch_bench.evaluation.execution import (
     default_directory,
     header_of,
     open_run,
-    play,
+    play_run,
     resumable,
 )
 from minitouch_bench.evaluation.policy_setup import prepare_policies
@@ -185,7 +185,7 @@ def evaluate(
         if directory and resume and not files.holds_run(directory):
             callbacks.note(f"no run to resume in {directory}: starting a new one")
         opened = open_run(header, directory, resume=resume, fresh=fresh)
-        run = play(setup, opened, running, callbacks)
+        run = play_run(setup, opened, running, callbacks)
         if directory:
             with resumable(directory):
                 write_views(run, directory)

@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from minitouch_bench.json_io import whole
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
+Observation = dict[str, NDArray[Any]]
+"""``image``: uint8 (C, H, W); ``touch``: float32 (11,), see ``read_touch``."""
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Seed = Annotated[int, Meta(ge=0)]
 """Of episodes and runs; fresh episodes have 256 bits."""

@@ -30,7 +30,7 @@ StrPath = str | PathLike[str]
 Words = str | Sequence[str]
 """A list, or a text with commas."""
 
-SHOWN = 200
+LONGEST_REASON = 200
 """Characters of a fault; a stranger's text never fills the screen."""
 
 
@@ -84,7 +84,7 @@ def fault_in_words(error: Exception, name: str, kind: Any = None) -> str:
     for pattern, description in () if kind is None else _descriptions(kind):
         what = what.replace(f"`str` matching regex {pattern!r}", description)
     place = place.replace("`", "").removeprefix("key in ").removeprefix("$")
-    what = ascii(what.replace("`", ""))[1:-1][:SHOWN]  # it may quote a stranger's text
+    what = ascii(what.replace("`", ""))[1:-1][:LONGEST_REASON]  # it may quote a stranger's text
     return f"{name}{place}: {what[:1].lower()}{what[1:]}"
 
 

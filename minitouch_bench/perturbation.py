@@ -52,7 +52,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
                 raise ValueError(f"{_spelled(name)} is {least:g} to {most:g} {unit}{order}")
 
     @property
-    def change_the_senses(self) -> bool:
+    def changes_senses(self) -> bool:
         """Whether a policy is given other observations than the environment's."""
         return bool(self.without or self.noise or self.force_noise)
 

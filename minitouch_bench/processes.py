@@ -54,8 +54,8 @@ try:
     sys.path[:] = connection.recv()
 except (EOFError, OSError):  # the parent ended before its first message
     sys.exit()
-from minitouch_bench.processes import serve
-serve(connection, int(sys.argv[2]))
+from minitouch_bench.processes import serve_jobs
+serve_jobs(connection, int(sys.argv[2]))
 """
 """The program of a worker: what it imports comes from where its parent has it."""
 
@@ -265,7 +265,7 @@ def _ready(pool: Sequence[_Worker[Job, Result]]) -> list[_Worker[Job, Result]]:
     return [w for w in busy if w.connection in ready or w.sentinel in ready]
 
 
-def serve(connection: Connection, parent: int) -> None:
+def serve_jobs(connection: Connection, parent: int) -> None:
     """Run in a worker process: answer each job received, until the pipe closes."""
     die_with(parent)
     with contextlib.suppress(EOFError, OSError):

@@ -18,7 +18,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 
 NotNegative = Annotated[int, Meta(ge=0)]
 Positive = Annotated[int, Meta(ge=1)]
-Share = Annotated[float, Meta(ge=0, le=1)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
 Factor = Annotated[float, Meta(ge=0, le=1e9)]
 Entropy = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
@@ -60,7 +60,7 @@ class PhaseConfig:
     entropy_steps: NotNegative = 0
     reward_scale: Annotated[float, Meta(ge=-1e9, le=1e9)] = 1.0
     n_step: Annotated[int, Meta(ge=1, le=1000)] = 1
-    success_share: Share = 0.0
+    success_share: Fraction = 0.0
     updates_per_step: Annotated[float, Meta(ge=0, le=1000)] = 1.0
     keypoint_updates: NotNegative = 0
     fitting_updates: NotNegative = 0
@@ -90,9 +90,9 @@ class SacConfig:
     """
 
     batch_size: Annotated[int, Meta(ge=1, le=65_536)] = 128
-    discount: Share = 0.99
+    discount: Fraction = 0.99
     encoder_width: Width = 1.0
-    target_rate: Share = 0.01
+    target_rate: Fraction = 0.01
     shift: Annotated[int, Meta(ge=0, le=PROTOCOL.observation.image_size)] = 4
     target_encoder: bool = False
     bfloat16: bool = True

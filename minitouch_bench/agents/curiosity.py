@@ -14,8 +14,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from minitouch_bench.agents.config import CuriosityConfig
-from minitouch_bench.agents.replay import Batch
-from minitouch_bench.agents.sac import encode
+from minitouch_bench.agents.memory import Batch
+from minitouch_bench.agents.sac import encode_image
 from minitouch_bench.errors import MiniTouchError, UsageError, describe
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.networks import (
@@ -126,7 +126,7 @@ class Curiosity(nn.Module, ABC):
 
     def encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
         """Return features of images, float32 (N, F)."""
-        return encode(encoder, image, bfloat16=self.config.bfloat16)
+        return encode_image(encoder, image, bfloat16=self.config.bfloat16)
 
 
 class Whitening(nn.Module):

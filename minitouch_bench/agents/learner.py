@@ -14,7 +14,7 @@ from torch.nn import functional
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
 from minitouch_bench.agents.curiosity import Curiosity, find_curiosity
 from minitouch_bench.agents.keypoints import Keypoints
-from minitouch_bench.agents.replay import Batch, Replay
+from minitouch_bench.agents.memory import Batch, ReplayMemory
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.machine import processor_flags
 from minitouch_bench.policies.networks import (
@@ -125,7 +125,7 @@ class Learner:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
 
-    def begin_task_phase(self, replay: Replay) -> None:
+    def begin_task_phase(self, memory: ReplayMemory) -> None:
         """Learn from the task's reward from now on.
 
         With keypoints these are learned from the memory's images first. Actor and critics are new
@@ -137,12 +137,12 @@ class Learner:
             return
 
         def draw(size: int) -> tuple[Tensor, Tensor]:
-            image, touch = replay.sample_observations(self.rng, size)
+            image, touch = memory.sample_observations(self.rng, size)
             return image.to(self.device), self.scale.scaled(touch.to(self.device))
 
         self._begin_keypoints(explored=explored).learn(draw, self.phase.keypoint_updates)
         for _ in range(self.phase.fitting_updates):
-            self.update(replay, 0, fitting=True)
+            self.update(memory, 0, fitting=True)
 
     def _begin_keypoints(self, *, explored: bool) -> Keypoints:
         """Make the networks of a task phase that sees keypoints; keep those that ``explored``."""
@@ -177,21 +177,23 @@ class Learner:
         """Return a uniformly random action, float32 (A,)."""
         return self.rng.uniform(-1.0, 1.0, self.sac.action_size).astype(np.float32)
 
-    def update(self, replay: Replay, step: int, *, fitting: bool = False) -> dict[str, Tensor]:
+    def update(
+        self, memory: ReplayMemory, step: int, *, fitting: bool = False
+    ) -> dict[str, Tensor]:
         """Draw a batch, and do one gradient step on the phase's reward.
 
         While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
         a terminal end would remove all later reward and so punish success.
 
         Args:
-            replay: Memory to draw from.
+            memory: Memory to draw from.
             step: Control steps of the phase so far.
             fitting: Fit the actor to the exploration policy; in the task phase alone.
 
         Returns:
             The losses and other curves of the step, as scalars.
         """
-        batch, losses, prior = self._batch(replay), dict[str, Tensor](), None
+        batch, losses, prior = self._batch(memory), dict[str, Tensor](), None
         if self.exploring and self.curiosity is not None:
             errors = self.curiosity.update(batch)
             reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
@@ -232,10 +234,10 @@ class Learner:
                 touch[:, SENSED_TOUCH[sense]] = 0.0
         return image, touch
 
-    def _batch(self, replay: Replay) -> Batch:
+    def _batch(self, memory: ReplayMemory) -> Batch:
         if self.keypoints is not None:
-            replay.encode(self._features)
-        batch = replay.sample(
+            memory.encode(self._features)
+        batch = memory.sample(
             self.rng,
             self.config.sac.batch_size,
             n_step=1 if self.exploring else self.phase.n_step,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.agents.replay import Replay, damage_as
+from minitouch_bench.agents.memory import ReplayMemory, damage_as
 from minitouch_bench.errors import UsageError
 from minitouch_bench.machine import require_minari
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
@@ -15,7 +15,7 @@ LARGEST_VALUE = 1e4
 """The largest number that a touch sensor in m and N, or a reward, may have."""
 
 
-def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
+def fill_from_dataset(memory: ReplayMemory, path: Path, action_size: int) -> None:
     """Fill the replay memory with a dataset directory, as ``minitouch-bench record`` writes it.
 
     Raises:
@@ -26,17 +26,17 @@ def fill_from_dataset(replay: Replay, path: Path, action_size: int) -> None:
     minari = require_minari()
     with damage_as(UsageError, f"{path} is not a Minari dataset of this task"):
         for episode in minari.MinariDataset(path).iterate_episodes():
-            _add_episode(replay, episode, action_size)
-    if not replay.rows:
+            _add_episode(memory, episode, action_size)
+    if not memory.rows:
         raise UsageError(f"{path} contains no control step")
-    if replay.rows > replay.capacity:
+    if memory.rows > memory.capacity:
         raise UsageError(
-            f"{path} contains {replay.rows:,} observations, the memory {replay.capacity:,}: set a "
+            f"{path} contains {memory.rows:,} observations, the memory {memory.capacity:,}: set a "
             "larger replay_size"
         )
 
 
-def _add_episode(replay: Replay, episode: Any, action_size: int) -> None:
+def _add_episode(memory: ReplayMemory, episode: Any, action_size: int) -> None:
     """Add an episode of T control steps, whose arrays have the task's shapes.
 
     Raises:
@@ -55,9 +55,9 @@ def _add_episode(replay: Replay, episode: Any, action_size: int) -> None:
     # A reward of another kind needs ``is_success``; its first value may be the reset's.
     reached = (episode.infos or {}).get("is_success", rewards > 0)[-steps:]
     success = _numbers(reached, "is_success", (steps,))
-    replay.begin_episode(images[0], touch[0].astype(np.float32))
+    memory.begin_episode(images[0], touch[0].astype(np.float32))
     for step, action in enumerate(actions.astype(np.float32)):
-        replay.add(
+        memory.add(
             action,
             float(rewards[step]),
             images[step + 1],

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
-from minitouch_bench.agents.replay import Batch
+from minitouch_bench.agents.memory import Batch
 from minitouch_bench.policies.networks import (
     FEATURES,
     HIDDEN_UNITS,
@@ -201,7 +201,7 @@ class Sac(nn.Module):
         return torch.tanh(raw), (normal - squash).sum(dim=1)
 
     def _encode(self, encoder: nn.Module, image: Tensor) -> Tensor:
-        return encode(encoder, image, bfloat16=self.config.bfloat16)
+        return encode_image(encoder, image, bfloat16=self.config.bfloat16)
 
     @torch.no_grad()
     def _follow(self) -> None:
@@ -221,7 +221,7 @@ def _mean_and_log_std(prior: Tensor) -> tuple[Tensor, Tensor]:
     return mean, log_std.clamp_min(LEAST_PRIOR_LOG_STD)
 
 
-def encode(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
+def encode_image(encoder: nn.Module, image: Tensor, *, bfloat16: bool) -> Tensor:
     """Return the features of images, float32 (N, F), computed in half precision if asked."""
     with torch.autocast(image.device.type, torch.bfloat16, enabled=bfloat16):
         features: Tensor = encoder(image)

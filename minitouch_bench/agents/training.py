@@ -15,8 +15,9 @@ from torch import Tensor
 
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner, kept_size
+from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import CheckpointFiles, Replay
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError
 from minitouch_bench.evaluation.engine import ignore
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
@@ -24,7 +25,7 @@ from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.runs.plan import PlannedObjects
-from minitouch_bench.simulation.observation import FORCES, Observation
+from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -146,7 +147,7 @@ class Training:
         spec = environment.task.spec
         self._learner = Learner(config, spec, device)
         features = kept_size(spec.action_size) if config.task_phase.keypoint_updates else 0
-        self._replay = Replay(config.replay_size, TOUCH_SIZE, spec.action_size, features)
+        self._memory = ReplayMemory(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
         self._tally = Tally()
@@ -188,7 +189,7 @@ class Training:
             else:
                 self._control_step()
             for _ in range(self._updates_due()):
-                self._tally.add_losses(self._learner.update(self._replay, self._phase_step))
+                self._tally.add_losses(self._learner.update(self._memory, self._phase_step))
             self._keep_records()
         self._finish()
         return True
@@ -196,7 +197,7 @@ class Training:
     def _begin(self) -> None:
         if self.config.dataset:
             fill_from_dataset(
-                self._replay, Path(self.config.dataset), self._learner.sac.action_size
+                self._memory, Path(self.config.dataset), self._learner.sac.action_size
             )
         if not self._is_from_dataset:
             self._begin_episode()
@@ -218,7 +219,7 @@ class Training:
             action = self._learner.act(self._observation)
         observation, reward, terminated, truncated, info = self._environment.step(action)
         success = bool(info["is_success"])
-        self._replay.add(
+        self._memory.add(
             action,
             reward,
             observation["image"],
@@ -242,7 +243,7 @@ class Training:
     def _begin_episode(self) -> None:
         self._episode += 1
         self._observation, _ = self._environment.reset(seed=self._episode_seed())
-        self._replay.begin_episode(self._observation["image"], self._observation["touch"])
+        self._memory.begin_episode(self._observation["image"], self._observation["touch"])
 
     def _episode_seed(self) -> int:
         sequence = np.random.SeedSequence([self.config.seed, self._episode])
@@ -265,7 +266,7 @@ class Training:
                 f"new networks for the task: {phase.keypoint_updates:,} gradient steps of "
                 f"keypoints, {phase.fitting_updates:,} of actor and critics"
             )
-        self._learner.begin_task_phase(self._replay)
+        self._learner.begin_task_phase(self._memory)
         if from_dataset:
             self._begin_episode()
 
@@ -305,7 +306,7 @@ class Training:
         self._save()
 
     def _save(self) -> None:
-        self._files.save(self._state(), self._replay)
+        self._files.save(self._state(), self._memory)
 
     def _state(self) -> dict[str, Any]:
         """Return everything but the replay memory."""
@@ -324,7 +325,7 @@ class Training:
         Raises:
             RunDirectoryError: the checkpoint is damaged, or of a training with other objects.
         """
-        state = self._files.load(self._replay)
+        state = self._files.load(self._memory)
         if state.get("objects", self._objects) != self._objects:
             raise RunDirectoryError(
                 f"{self.config.objects} is not the set of objects with which the training in "
@@ -339,7 +340,7 @@ class Training:
         if self._is_from_dataset:
             return
         self._observation, _ = self._environment.reset(seed=self._episode_seed())
-        for action in self._replay.episode_actions():
+        for action in self._memory.episode_actions():
             self._observation = self._environment.step(action)[0]
 
 

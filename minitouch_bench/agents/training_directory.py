@@ -16,7 +16,7 @@ import torch
 from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, differing_settings, read_recorded_config
 from minitouch_bench.agents.curiosity import digest_method
-from minitouch_bench.agents.replay import CHECKPOINT_FILE, IMAGES_FILE
+from minitouch_bench.agents.memory import CHECKPOINT_FILE, IMAGES_FILE
 from minitouch_bench.agents.training import NO_CALLBACKS, ProgressRow, Training, TrainingCallbacks
 from minitouch_bench.episode import EpisodeSpec, Outcome
 from minitouch_bench.errors import (

@@ -81,7 +81,7 @@ class _Group(_Once, TyperGroup):
             formatter.write_dl(summaries)
 
 
-UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def seconds_of(option: str, text: str | None) -> float | None:
@@ -94,7 +94,7 @@ def seconds_of(option: str, text: str | None) -> float | None:
         return None
     if not re.fullmatch(r"[0-9]{1,6}(\.[0-9]+)?[smh]", text) or float(text[:-1]) == 0:
         raise UsageError(f"{option} is a time such as 90m, 5h or 30s, not '{text}'")
-    return float(text[:-1]) * UNITS[text[-1]]
+    return float(text[:-1]) * SECONDS[text[-1]]
 
 
 # Options
@@ -111,12 +111,14 @@ POLICIES = (
     "file per task, package.module:attribute, http://..., or hf://USER/REPO/FILE@REVISION"
 )
 
-Policy = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
+PolicyArgument = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
 EXPLORATION = episodes_option(help="The policy at the end of the exploration phase.")
 Exploration = Annotated[str | None, EXPLORATION]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")]
-Task = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
+RunsArgument = Annotated[
+    list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")
+]
+TaskArgument = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
 Workers = Annotated[
     str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
 ]

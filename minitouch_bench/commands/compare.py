@@ -10,7 +10,7 @@ from minitouch_bench.cli.console import data_console, note
 
 
 def compare(
-    runs: options.Runs,
+    runs: options.RunsArgument,
     *,
     output: Annotated[
         Path | None,

@@ -17,7 +17,7 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE, SUITE_NAMES, USUAL_LI
 
 
 def evaluate(
-    policy: options.Policy,
+    policy: options.PolicyArgument,
     *,
     suite: Annotated[str, episodes_option(help=f"{', '.join(SUITE_NAMES)}.")] = MAIN_SUITE,
     name: Annotated[str | None, episodes_option(help="Name of the policy in reports.")] = None,

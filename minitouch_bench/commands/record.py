@@ -18,8 +18,8 @@ RECORDING_SUITE = "recording"
 
 
 def record(
-    policy: options.Policy,
-    task: options.Task,
+    policy: options.PolicyArgument,
+    task: options.TaskArgument,
     *,
     output: Annotated[
         Path, typer.Option(metavar="DIR", help="Directory of the dataset; it must not exist.")

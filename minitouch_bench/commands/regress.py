@@ -117,7 +117,7 @@ def regress(
         default_directory,
         header_of,
         open_run,
-        play,
+        play_run,
         resumable,
     )
     from minitouch_bench.evaluation.policy_setup import prepare_policies
@@ -148,7 +148,7 @@ def regress(
             opened = open_run(header, directory, resume=resume, fresh=fresh)
             if isinstance(opened, Run):
                 _refuse_unknown_code(refuse_edited(opened).header.policy, directory)
-            after = play(setup, opened, running, callbacks)
+            after = play_run(setup, opened, running, callbacks)
             with resumable(directory):
                 write_views(after, directory)
         befores, afters, candidates = [before], [after], [directory]

@@ -21,7 +21,7 @@ COMPARISONS = REPORTS / "comparison"
 
 
 def report(
-    runs: options.Runs,
+    runs: options.RunsArgument,
     *,
     output: Annotated[
         Path | None,

@@ -123,7 +123,7 @@ def submit(
     told["trainings"] = [one.training for one in trainings]
     submission = replace(take_table(told, Submission))  # which writes the defaults out, too
     with episode_progress() as callbacks, open_engine("local", workers) as engine:
-        place = packing.pack(
+        place = packing.pack_submission(
             submission, trainings, directory, engine, callbacks, isolation=isolated
         )
     for file, other in find_equal(directory, submission).items():

@@ -11,7 +11,7 @@ from minitouch_bench.perturbation import SENSES
 
 
 def train(
-    task: options.Task,
+    task: options.TaskArgument,
     *,
     method: Annotated[
         str | None,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
     from minitouch_bench.verification.replay_check import Findings
 
-SHOWN = 10
+SHOWN_PROBLEMS = 10
 """Differences that are listed; the others are counted."""
 
 rerun_option = partial(typer.Option, rich_help_panel="Running again")
@@ -132,9 +132,9 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
 
 
 def _show(found: "Findings", run: Path) -> None:
-    lines = [str(problem) for problem in found.problems[:SHOWN]]
-    if len(found.problems) > SHOWN:
-        lines.append(f"... and {len(found.problems) - SHOWN} more")
+    lines = [str(problem) for problem in found.problems[:SHOWN_PROBLEMS]]
+    if len(found.problems) > SHOWN_PROBLEMS:
+        lines.append(f"... and {len(found.problems) - SHOWN_PROBLEMS} more")
     if found.replayed:
         lines.append(
             f"{errors.numbered(found.replayed, 'episode')} replayed from their recorded actions"

@@ -126,7 +126,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
                     ComparedMetric(
                         effect,
                         p_adjusted := next(adjusted),
-                        verdict(effect, p_adjusted, (first.title, other.title)),
+                        effect_in_words(effect, p_adjusted, (first.title, other.title)),
                         pairing.episodes_needed(values, ALPHA),
                     )
                     for values, effect in row
@@ -172,7 +172,7 @@ def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
     return (next(adjusted[effect.metric]) for effect in effects)
 
 
-def verdict(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
+def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
     """Put an effect into words: without a better direction the second run has more or less."""
     if effect.differing == 0:
         return "equal in every episode"

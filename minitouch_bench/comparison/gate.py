@@ -105,7 +105,7 @@ class GateSettings:
             raise UsageError(f"no metric '{printable(self.metric)}' to guard; there are {known}")
         if self.strict and self.lenient:
             raise UsageError("a gate is strict or lenient, not both")
-        is_share = METRICS[self.metric or pairing.MEAN_METRIC].is_share
+        is_share = METRICS[self.metric or pairing.MEAN_METRIC].is_fraction
         if self.tolerance and not 0.0 <= self.tolerance.amount < (1.0 if is_share else math.inf):
             room = "from 0 to below 1" if is_share else "0 or more"
             raise UsageError(f"the tolerance is {room}, not {self.tolerance}")

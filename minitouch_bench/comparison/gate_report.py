@@ -103,7 +103,7 @@ SUMMARY_CHANGES = 50
 
 GATE_LABELS = ("Baseline", "Candidate", "Difference")
 
-STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "bold red"}
+DECISION_STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "bold red"}
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
@@ -118,7 +118,7 @@ def show_result(result: GateResult, console: Console) -> None:
     titles = (result.baseline.title, result.candidate.title)
     changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
     tables.show((*result_blocks(result), *changes, ""), console)
-    style = STYLES.get(result.decision, OPEN_STYLE)
+    style = DECISION_STYLES.get(result.decision, OPEN_STYLE)
     console.print(Text(result_line(result), style=style), soft_wrap=True)
     console.print(Text(f"next: {result.next_command}"), soft_wrap=True)
 

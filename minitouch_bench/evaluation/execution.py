@@ -188,7 +188,9 @@ def package_versions() -> dict[str, str]:
     return installed_versions(PACKAGES)
 
 
-def play(setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks) -> Run:
+def play_run(
+    setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks
+) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
     The callbacks also receive the episodes that are already done. A finished run is returned

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import EpisodeSpec, Role
+from minitouch_bench.episode import EpisodeSpec, Observation, Role
 from minitouch_bench.errors import PolicyFaultError, UsageError, printable
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
@@ -16,11 +16,10 @@ from minitouch_bench.policies.policy import (
     SANDBOXED,
     Isolation,
     IsolationOptions,
-    Observation,
     Policy,
     PolicySource,
 )
-from minitouch_bench.policies.process import effective_level, isolate, try_policy
+from minitouch_bench.policies.policy_process import effective_level, isolate, try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.policies.sources import parse_source, trained_task
@@ -155,7 +154,7 @@ def prepare_policies(
     for kind in dict.fromkeys(kind for one in setup.sources() for kind in one.kinds):
         if kind in FORMATS and FORMATS[kind].advice:
             note(FORMATS[kind].advice)
-    if plan.conditions.change_the_senses and "scripted" in {one.kind for one in setup.sources()}:
+    if plan.conditions.changes_senses and "scripted" in {one.kind for one in setup.sources()}:
         raise UsageError("the scripted policy has no senses to change: it reads the simulator")
     return setup
 

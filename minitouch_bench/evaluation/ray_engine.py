@@ -35,7 +35,7 @@ ANSWER_S = 20.0
 LOCAL = "local"
 """Ray's word for a cluster that it starts on this machine."""
 
-SETTINGS = {
+RAY_VARIABLES = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray reports its use to its makers otherwise
     "RAY_gcs_server_request_timeout_seconds": "10",  # 60 otherwise: what does not answer hangs
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # a warning for users of GPUs
@@ -64,7 +64,7 @@ def open_ray(workers: int | None, address: str | None) -> contextlib.AbstractCon
 
 @contextlib.contextmanager
 def _connected(workers: int | None, address: str | None) -> Iterator[Engine]:
-    for name, value in SETTINGS.items():
+    for name, value in RAY_VARIABLES.items():
         os.environ.setdefault(name, value)
     if not address and "ray" not in sys.modules and "RAY_AUTH_MODE" not in os.environ:
         # A Ray started here takes orders from nobody else.
@@ -148,7 +148,7 @@ class RayEngine:
             # Numeric libraries read these when they are loaded, before the process's first line.
             runtime_env={"env_vars": ARITHMETIC},
         )
-        packed, facts = self._ray.put(pack(source)), facts_of_this_machine()
+        packed, facts = self._ray.put(pack_source(source)), facts_of_this_machine()
         waiting, running = deque(specs), dict[Any, EpisodeSpec]()
         try:
             while waiting or running:
@@ -176,7 +176,7 @@ def facts_of_this_machine() -> dict[str, str]:
     return {**package_versions(), "protocol": PROTOCOL.digest()[:12]}
 
 
-def pack(source: PolicyMaker) -> PolicyMaker:
+def pack_source(source: PolicyMaker) -> PolicyMaker:
     """Return what makes the policies from the bytes of its checkpoints; a recording has none.
 
     Raises:

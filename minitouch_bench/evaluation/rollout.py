@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench import errors
-from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Trace
+from minitouch_bench.episode import EpisodeSpec, Observation, Outcome, PlayedEpisode, Role, Trace
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.policies.policy import Observation, Policy, close_policy
+from minitouch_bench.policies.policy import Policy, close_policy
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.minitouch import senses_generator
 from minitouch_bench.runs.plan import Plan
@@ -96,7 +96,7 @@ class AlteredSenses:
 
     def alter(self, observation: Observation) -> Observation:
         """Return what the policy is given; the first call is the reset's observation."""
-        if not self._perturbation.change_the_senses:
+        if not self._perturbation.changes_senses:
             return observation
         self._first = self._first or observation
         image, touch = observation["image"], observation["touch"].copy()

@@ -19,7 +19,7 @@ from minitouch_bench.leaderboard.ranking import (
     RANKED_BY,
     Pair,
     Rank,
-    Runs,
+    RunsBySuite,
 )
 from minitouch_bench.leaderboard.submission import About, Submission
 from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
@@ -50,8 +50,8 @@ class PlayedRow:
 
     submission: Submission
     row: RowFacts
-    official: Runs
-    fresh: Runs
+    official: RunsBySuite
+    fresh: RunsBySuite
 
     @classmethod
     def read(cls, entry: Entry) -> "PlayedRow":
@@ -135,7 +135,7 @@ class BoardRow(About):
         return self.figures.get(key, {}).get(metric)
 
 
-def in_words(value: object) -> str:
+def value_in_words(value: object) -> str:
     """Write a value for people; "" where there is none."""
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value or "")
 
@@ -171,7 +171,7 @@ class ColumnSpec:
     label: str
     place: Literal["column", "name", "page"] = "page"
     unit: str = ""
-    write: Callable[[Any], str] = in_words
+    write: Callable[[Any], str] = value_in_words
     is_text: bool = True
     is_link: bool = False
 

@@ -20,11 +20,11 @@ from msgspec import Meta
 from minitouch_bench import errors, files
 from minitouch_bench.episode import PlayedEpisode, Role, Sha256OrNone
 from minitouch_bench.evaluation.engine import Callbacks, Engine
-from minitouch_bench.evaluation.execution import header_of, open_run, play
+from minitouch_bench.evaluation.execution import header_of, open_run, play_run
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import read_toml, take_table, whole, write_toml
 from minitouch_bench.leaderboard.fresh import drop_p, fresh_plan
-from minitouch_bench.leaderboard.ranking import Runs
+from minitouch_bench.leaderboard.ranking import RunsBySuite
 from minitouch_bench.leaderboard.submission import Submission, read_submission
 from minitouch_bench.machine import machine_facts
 from minitouch_bench.policies.sources import SubmittedTraining
@@ -172,7 +172,7 @@ class Entry:
             raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
         return run
 
-    def read_runs(self, row: RowFacts) -> tuple[Runs, Runs]:
+    def read_runs(self, row: RowFacts) -> tuple[RunsBySuite, RunsBySuite]:
         """Return the official runs and the fresh ones of suites that every training has finished.
 
         Raises:
@@ -306,6 +306,6 @@ def _play_part(
             opened = open_run(header, place, resume=True)
         except errors.RunDirectoryError:  # of a checkpoint that was replaced since
             opened = open_run(header, place, fresh=True)
-        run = play(setup, opened, engine, callbacks)
+        run = play_run(setup, opened, engine, callbacks)
     content = gzip.compress(run.content, mtime=0)
     files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from minitouch_bench.episode import Role
-from minitouch_bench.leaderboard.ranking import Runs
+from minitouch_bench.leaderboard.ranking import RunsBySuite
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Floats, mean_difference
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
@@ -34,7 +34,7 @@ def fresh_plan(suite: str, checkpoint: str, draw: str) -> Plan:
     return replace(make_plan(suite), episodes=FRESH_EPISODES, seed=seed)
 
 
-def drop_p(official: Runs, fresh: Runs) -> float:
+def drop_p(official: RunsBySuite, fresh: RunsBySuite) -> float:
     """Return how likely as large a drop is if all episodes are draws of one policy's.
 
     One joint one-sided test: the p-values of all suites and tasks, each over the trainings

@@ -153,7 +153,7 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
         yield CheckpointFile(role, task, path.name, part.digest, address), path
 
 
-def pack(
+def pack_submission(
     submission: Submission,
     trainings: Sequence[PackedTraining],
     submissions: Path,

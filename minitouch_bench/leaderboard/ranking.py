@@ -61,11 +61,11 @@ BOARD_METRICS = tuple(
 Figures = dict[str, dict[str, intervals.Estimate]]
 """A row's estimates by the key of a table, then by metric."""
 
-Runs = Mapping[str, Sequence[Run]]
+RunsBySuite = Mapping[str, Sequence[Run]]
 """By suite, a run of each training."""
 
 
-def score(runs: Runs) -> Figures:
+def score(runs: RunsBySuite) -> Figures:
     """Return every estimate that each training has, by the key of its table.
 
     On novel shapes it is the metric that ranks a task, over the held-out shapes.
@@ -97,7 +97,7 @@ def _estimate(run: Run, task: str, metric: str) -> intervals.Estimate | None:
     return gaps[metric].held_out if metric in gaps and metric == ranking_metric(task) else None
 
 
-def values_by_key(runs: Runs) -> dict[str, list[list[float]]]:
+def values_by_key(runs: RunsBySuite) -> dict[str, list[list[float]]]:
     """Return what ranks the rows: by key, of each training, the value of every episode.
 
     On novel shapes these are the episodes with held-out shapes.

@@ -41,8 +41,8 @@ from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
 
-TEMPLATES = Path(__file__).parent / "templates"
-STYLES = ("board.css",)
+BOARD_TEMPLATES = Path(__file__).parent / "templates"
+STYLESHEETS = ("board.css",)
 
 BOARD_FILE = "leaderboard.json"
 
@@ -123,8 +123,8 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
     """Write the index."""
     suite = PROTOCOL.suite(MAIN_SUITE)
     return pages.render_page(
-        TEMPLATES / "board.html.j2",
-        STYLES,
+        BOARD_TEMPLATES / "board.html.j2",
+        STYLESHEETS,
         ("theme.js", "board.js"),
         board=board,
         views=shown,
@@ -135,7 +135,7 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
             for name, meaning in MODALITIES.items()
             if any(name in row.modalities for row in board.rows)
         },
-        notes=views.notes(),
+        notes=views.board_notes(),
         tasks=len(suite.tasks),
         episodes=len(suite.tasks) * suite.episodes_per_task,
     )
@@ -151,8 +151,8 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
     ranks = {key: f"rank {rank}" for key, rank in row.ranks.items()}
     main = played.official.get(MAIN_SUITE, ())
     return pages.render_page(
-        TEMPLATES / "submission.html.j2",
-        STYLES,
+        BOARD_TEMPLATES / "submission.html.j2",
+        STYLESHEETS,
         ("theme.js", "episodes.js"),
         protocol=PROTOCOL.name,
         row=row,

@@ -33,7 +33,7 @@ from minitouch_bench.policies.sources import (
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 
-FORMAT: Final = "minitouch-submission"
+SUBMISSION_FORMAT: Final = "minitouch-submission"
 VERSION: Final = 2
 
 SUITES = tuple(suite.name for suite in PROTOCOL.suites if suite.rankable)
@@ -114,7 +114,7 @@ class About:
 class FormatMark:
     """What ``submission.toml`` begins with."""
 
-    format: Literal["minitouch-submission"] = FORMAT
+    format: Literal["minitouch-submission"] = SUBMISSION_FORMAT
     version: Literal[2] = VERSION
 
 
@@ -148,8 +148,8 @@ def read_submission(directory: Path) -> Submission:
     with files.os_errors_as(UsageError, path, "read"):
         content = files.read_file(path, MAX_SUBMISSION_FILE)
     table = parse_toml(content, str(path))
-    if (table.get("format"), table.get("version")) != (FORMAT, VERSION):
-        raise UsageError(f"{path} is not a {FORMAT} of version {VERSION}")
+    if (table.get("format"), table.get("version")) != (SUBMISSION_FORMAT, VERSION):
+        raise UsageError(f"{path} is not a {SUBMISSION_FORMAT} of version {VERSION}")
     return take_table(table, Submission, str(path))
 
 

@@ -253,11 +253,11 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
     for title, refusals in (("Waiting to be played", board.waiting), ("Left out", board.left_out)):
         parts += ["", f"## {title}", ""] if refusals else []
         parts += [f"- **{escape_md(one.name)}**: {escape_md(one.reason)}" for one in refusals]
-    parts += ["", *(f"- {escape_md(note)}" for note in notes())]
+    parts += ["", *(f"- {escape_md(note)}" for note in board_notes())]
     return "\n".join(parts) + "\n"
 
 
-def notes() -> tuple[str, ...]:
+def board_notes() -> tuple[str, ...]:
     """Return what must be said below every table."""
     intervals = definitions.intervals_in_words(ranking.BOARD_METRICS)
     floors = [f"{value:.2f} in {task_title(task)}" for task, value in ranking.FLOOR_SUCCESS.items()]

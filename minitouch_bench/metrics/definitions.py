@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode, Outcome, PlayedEpisode, Role
-from minitouch_bench.metrics.intervals import Estimate, Range
+from minitouch_bench.metrics.intervals import Bounds, Estimate
 from minitouch_bench.metrics.statistics import MEAN, SHARE, Statistic
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 
@@ -102,16 +102,16 @@ class Metric:
         return self.field or self.name
 
     @property
-    def is_share(self) -> bool:
+    def is_fraction(self) -> bool:
         """Whether values lie between 0 and 1."""
         return self.unit.startswith("share")
 
-    def range_in(self, task: str, *, difference: bool = False) -> Range:
+    def range_in(self, task: str, *, difference: bool = False) -> Bounds:
         """Return the least and the greatest value in a task, or ``difference`` of two values.
 
         No metric is negative.
         """
-        most = 1.0 if self.is_share else math.inf
+        most = 1.0 if self.is_fraction else math.inf
         if self.unit == CONTROL_STEPS:
             most = PROTOCOL.task(task).max_steps
         return -most if difference else 0.0, most

@@ -139,11 +139,11 @@ def stream(root: Root, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([*root, *words]))
 
 
-Range = tuple[float, float]
+Bounds = tuple[float, float]
 """The least and the greatest value that a figure can have."""
 
 
-def student_mean(values: Sequence[float], possible: Range) -> Estimate:
+def student_mean(values: Sequence[float], possible: Bounds) -> Estimate:
     """Estimate a mean of two or more values with Student's interval, cut at the ``possible`` ends.
 
     Source: Student, "The probable error of a mean", Biometrika 6 (1908).
@@ -157,7 +157,7 @@ def student_mean(values: Sequence[float], possible: Range) -> Estimate:
     return _rounded(Estimate(mean, low, high, number, OVER_SEEDS))
 
 
-def over_seeds(estimates: Sequence[Estimate], possible: Range) -> Estimate:
+def over_seeds(estimates: Sequence[Estimate], possible: Bounds) -> Estimate:
     """Estimate a figure over training seeds from the estimate that each seed's run has of it.
 
     One seed's estimate is returned unchanged. Several seeds give their ``student_mean``. Where the

@@ -55,7 +55,7 @@ POLL_S = 0.002
 MAXRSS_IN_MIB = 2**20 if sys.platform == "darwin" else 2**10
 
 
-def serve(control: socket.socket, setup: wire.HostSetup) -> NoReturn:
+def serve_episodes(control: socket.socket, setup: wire.HostSetup) -> NoReturn:
     """Fork a reaper an episode until the other side closes.
 
     Between two episodes only functions in C are called, and not those that Python calls when it
@@ -289,7 +289,7 @@ def main() -> None:
     descriptor, parent = int(sys.argv[1]), int(sys.argv[2])
     setup = msgspec.json.decode(sys.argv[3], type=wire.HostSetup)
     die_with(parent)
-    serve(socket.socket(fileno=descriptor), setup)
+    serve_episodes(socket.socket(fileno=descriptor), setup)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.files import write_file
 from minitouch_bench.policies import networks
-from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, PolicySource
+from minitouch_bench.policies.policy import IMAGE_SHAPE, PolicySource
 from minitouch_bench.protocol.spec import ACTION_SIZES
 
 METADATA_KEY = "minitouch"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
 from minitouch_bench.policies import policy
@@ -27,7 +28,7 @@ class OnnxPolicy:
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the graph is loaded afresh for every episode."""
 
-    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the graph's output ``action``."""
         feed = {name: observation[name][np.newaxis] for name in INPUT_SHAPES}
         (action,) = self._session.run([OUTPUT], feed)

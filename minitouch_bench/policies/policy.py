@@ -1,7 +1,7 @@
 """What a policy is, how it is isolated, and how it is loaded."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Protocol
@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import PolicyIdentity
+from minitouch_bench.episode import Observation, PolicyIdentity
 from minitouch_bench.errors import (
     MissingExtraError,
     PolicyLoadError,
@@ -20,9 +20,6 @@ from minitouch_bench.errors import (
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
-
-Observation = Mapping[str, NDArray[Any]]
-"""``image`` uint8 ``IMAGE_SHAPE`` and ``touch`` float32 ``TOUCH_SHAPE``."""
 
 IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, (PROTOCOL.observation.touch_size,)
 

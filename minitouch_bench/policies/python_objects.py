@@ -19,11 +19,10 @@ import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import IN_MEMORY
+from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.errors import PolicyLoadError, describe
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.policy import (
-    Observation,
     Policy,
     PolicySource,
     action_size,

@@ -16,12 +16,12 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyLoadError, describe, plain_line
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
     TOUCH_SHAPE,
-    Observation,
     PolicySource,
     zero_observation,
 )
@@ -53,7 +53,7 @@ class Sb3Policy:
     def __init__(self, policy: Any, deterministic: bool) -> None:
         self._policy = policy
         self._deterministic = deterministic
-        check_actions(policy.action_space)
+        check_action_space(policy.action_space)
         self._frames = count_frames(policy.observation_space)
         # The forces have the largest bounds. VecFrameStack orders bounds otherwise than frames.
         forces = range(TOUCH_SHAPE[0])[PROTOCOL.observation.forces]
@@ -134,7 +134,7 @@ def _open_settings(content: bytes) -> dict[str, Any]:
 def _build(settings: dict[str, Any], weights: bytes) -> Any:
     observed, acted = settings["observation_space"], settings["action_space"]
     count_frames(observed)
-    check_actions(acted)
+    check_action_space(acted)
     refuse_normalized(settings)
     # A policy makes its optimizer, of which the first real one takes 1.5 s to import.
     no_optimizer = {"optimizer_class": lambda *_, **__: None}
@@ -174,7 +174,7 @@ def refuse_normalized(settings: dict[str, Any]) -> None:
         )
 
 
-def check_actions(space: Any) -> None:
+def check_action_space(space: Any) -> None:
     """Refuse a space of other actions; infinite bounds, as of ``ClipAction``, are no others.
 
     Raises:

@@ -12,10 +12,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.policies.policy import Observation
+from minitouch_bench.episode import Observation
 from minitouch_bench.protocol.minitouch import OPENING, PROTOCOL, PUSHING
+from minitouch_bench.shapegen.geometry import rotation_matrix, surface_points
 from minitouch_bench.shapegen.grips import plan_grasp
-from minitouch_bench.shapegen.mesh import rotation_matrix, surface_points
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import Opening, PickUp, Pushing
 
@@ -25,7 +25,7 @@ WORKSPACE, CUBE_SIDE_M = PUSHING.workspace, PUSHING.cube.side
 CABINET = OPENING.cabinet
 OPEN, CLOSE = 1.0, -1.0
 
-Vector = NDArray[np.float64]
+Point = NDArray[np.float64]
 
 
 class Controller(ABC):
@@ -239,10 +239,10 @@ class PushingController(Controller):
         super().__init__(environment)
         self._task = cast(Pushing, environment.task)
         self._heavy = self._task.model.is_task_cube
-        self._ahead: Vector = np.zeros(2)
+        self._ahead: Point = np.zeros(2)
         """The direction of the push, (0, 0) before it is chosen."""
         self._pushes = 0
-        self._last: Vector = np.zeros(3)
+        self._last: Point = np.zeros(3)
 
     def act(self) -> NDArray[np.float32]:
         """Return the next action, float32 (4,)."""
@@ -260,7 +260,7 @@ class PushingController(Controller):
             return self._push(hand, middle)
         return self._go(hand, start, middle, stuck)
 
-    def _over(self, from_object: Vector) -> bool:
+    def _over(self, from_object: Point) -> bool:
         """Tell whether the push is over: done, missed or without effect."""
         behind = -float(from_object @ self._ahead)
         aside = abs(float(from_object @ _across(self._ahead)))
@@ -270,7 +270,7 @@ class PushingController(Controller):
             or (self._heavy and self._pushes > self.PUSH_STEPS)
         )
 
-    def _push(self, hand: Vector, middle: Vector) -> NDArray[np.float32]:
+    def _push(self, hand: Point, middle: Point) -> NDArray[np.float32]:
         across = _across(self._ahead)
         goal = hand[:2] + self._ahead * (REACH_M if self._heavy else self.SLIDE_M)
         goal += across * float((middle - hand[:2]) @ across)
@@ -279,7 +279,7 @@ class PushingController(Controller):
             (*goal, min(top, self.HIGH_M) if self._heavy else self.LOW_M), finger=-1.0
         )
 
-    def _go(self, hand: Vector, start: Vector, middle: Vector, stuck: bool) -> NDArray[np.float32]:
+    def _go(self, hand: Point, start: Point, middle: Point, stuck: bool) -> NDArray[np.float32]:
         """Go to where the push begins, over the object where it is in the way."""
         there = np.abs(start - hand[:2]).max() < self.NEAR_M
         if not stuck and (there or self._clear(hand[:2], start, middle)):
@@ -287,13 +287,13 @@ class PushingController(Controller):
         above = hand[2] > self.HIGH_M - self.STUCK_M
         return self.toward((*(start if above else hand[:2]), self.HIGH_M), finger=-1.0)
 
-    def _clear(self, hand: Vector, start: Vector, middle: Vector) -> bool:
+    def _clear(self, hand: Point, start: Point, middle: Point) -> bool:
         """Tell whether the straight way to the start passes beside the object."""
         way = start - hand
         part = np.clip((middle - hand) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
         return bool(np.abs(hand + part * way - middle).max() > self.CLEAR_M)
 
-    def _direction(self, middle: Vector) -> Vector:
+    def _direction(self, middle: Point) -> Point:
         """Return the direction, a unit vector, in which to push next.
 
         A shape straight to its target; the cube along x or y, the longer way first unless
@@ -303,7 +303,7 @@ class PushingController(Controller):
         if not self._heavy:
             return remaining / float(np.hypot(*remaining))
 
-        def gain(ahead: Vector) -> float:
+        def gain(ahead: Point) -> float:
             way, room = float(remaining @ ahead), _room(middle, ahead)
             if room < self.LEAST_BEHIND_M:
                 return -1.0
@@ -313,11 +313,11 @@ class PushingController(Controller):
         return max(np.array((signs[0], 0.0)), np.array((0.0, signs[1])), key=gain)
 
 
-def _across(ahead: Vector) -> Vector:
+def _across(ahead: Point) -> Point:
     return np.array((-ahead[1], ahead[0]))
 
 
-def _room(middle: Vector, ahead: Vector) -> float:
+def _room(middle: Point, ahead: Point) -> float:
     """Return how far behind ``middle`` (m) the workspace ends; ``ahead`` is along x or y."""
     edge = np.where(ahead > 0.0, WORKSPACE.low[:2], WORKSPACE.high[:2])
     return float((middle - edge) @ ahead)

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import (
     PolicyFaultError,
     PolicyLoadError,
@@ -36,11 +37,11 @@ from minitouch_bench.errors import (
     plain_line,
 )
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.policy import Observation, Policy, PolicySource, close_policy
+from minitouch_bench.policies.policy import Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
 from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
 
-MAX_EPISODES = 1024
+MAX_OPEN_EPISODES = 1024
 """Episodes kept open; beyond it the oldest is dropped, its evaluation having died."""
 
 
@@ -77,7 +78,7 @@ class PolicyServer(ThreadingHTTPServer):
             episode = str(next(self._numbers))
             self._episodes[episode] = policy
             oldest = None
-            if len(self._episodes) > MAX_EPISODES:
+            if len(self._episodes) > MAX_OPEN_EPISODES:
                 _, oldest = self._episodes.popitem(last=False)
         close_policy(oldest)
         return episode

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch.utils._pytree import tree_structure
 
 from minitouch_bench import errors
+from minitouch_bench.episode import Observation
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.native import as_array, to_tensors
 
@@ -53,7 +54,7 @@ class ModulePolicy:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
 
     @torch.inference_mode()
-    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return what the module gives."""
         # The optimizing executor rewrites the graph after two calls, which costs seconds and
         # can change the last bit within an episode.

@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import plain_line
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
@@ -112,7 +113,7 @@ def read_frame(channel: int) -> tuple[Frame, bytes]:
     return unpack_frame(packet)
 
 
-def pack_observation(observation: policy.Observation) -> bytes:
+def pack_observation(observation: Observation) -> bytes:
     """Return the image's 7056 bytes, then the touch vector as 11 little-endian float32."""
     return observation["image"].tobytes() + observation["touch"].astype("<f4", copy=False).tobytes()
 

@@ -188,7 +188,7 @@ PICK_UP = PickUpSpec(
     arm=ArmSpec(
         start_joints=POINTING_DOWN.start_joints,
         posture=POINTING_DOWN.posture,
-        finger_forces=(60.0, 60.0),  # D
+        motor_force=(60.0, 60.0),  # D
         discrete_gripper=True,
     ),
     force_limit=200.0,  # R

@@ -165,13 +165,16 @@ class ArmSpec:
     """How a task holds the Panda.
 
     ``start_joints``: seven arm joints (rad) and two fingers (m). ``posture``: the seven arm
-    joints (rad) that inverse kinematics starts from. ``finger_forces``: left and right motor (N).
+    joints (rad) that inverse kinematics starts from. ``motor_force``: of the left and the right
+    finger (N).
     """
 
     start_joints: tuple[float, ...]
     posture: tuple[float, ...]
     faces_door: bool = False
-    finger_forces: tuple[float, float] = (25.0, 20.0)
+    motor_force: tuple[float, float] = field(
+        default=(25.0, 20.0), metadata={"key": "finger_forces"}
+    )
     discrete_gripper: bool = False
 
 

@@ -26,7 +26,7 @@ THOUSANDS_FROM = 10_000
 ROW = 23.0
 """Height of a row of dots, drawing units."""
 
-LONGEST_NAME = 16
+LONGEST_LABEL = 16
 """Characters of a name that fit beside a chart."""
 
 
@@ -182,10 +182,10 @@ def estimate_marks(
 
 def short_names(names: Sequence[str]) -> tuple[str, ...]:
     """Shorten names to fit beside a chart; they stay different, by their numbers if need be."""
-    short = [n if len(n) <= LONGEST_NAME else f"{n[: LONGEST_NAME - 1]}…" for n in names]
+    short = [n if len(n) <= LONGEST_LABEL else f"{n[: LONGEST_LABEL - 1]}…" for n in names]
     if len(set(short)) == len(set(names)):
         return tuple(short)
     return tuple(
-        name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 4]}… {number}"
+        name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 4]}… {number}"
         for number, name in enumerate(names, start=1)
     )

@@ -104,7 +104,7 @@ def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
 def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
     """Name the axis of a metric and start it at 0; a share runs to 1."""
     label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    return charts.value_axis(label, 1.0 if METRICS[metric].is_share else max(values))
+    return charts.value_axis(label, 1.0 if METRICS[metric].is_fraction else max(values))
 
 
 def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:

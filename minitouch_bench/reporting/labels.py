@@ -100,7 +100,7 @@ def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = N
         format_value(metric, end) for end in (estimate.value, estimate.low, estimate.high)
     )
     gauge = None
-    if METRICS[metric].is_share:
+    if METRICS[metric].is_fraction:
         gauge = Gauge(
             _percent(estimate.value),
             _percent(estimate.low),

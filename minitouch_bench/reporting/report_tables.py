@@ -194,11 +194,11 @@ def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
         estimate_cell(metric, gap.held_out),
         estimate_cell(metric, gap.train),
         labels.difference_cell(metric, gap.difference),
-        Cell(verdict(task, metric, gap.difference)),
+        Cell(gap_in_words(task, metric, gap.difference)),
     )
 
 
-def verdict(task: str, metric: str, difference: Estimate) -> str:
+def gap_in_words(task: str, metric: str, difference: Estimate) -> str:
     """Say in words what the interval of a gap allows to say."""
     if difference.low <= 0 <= difference.high:
         return NO_DIFFERENCE
@@ -216,7 +216,7 @@ def _family_table(sections: Sequence[RunSection], examples: Sequence[Generalizat
     columns: list[Column] = []
     for example in examples:
         metric = METRICS[example.family_metric]
-        unit = "" if metric.is_share else f" ({metric.unit})"
+        unit = "" if metric.is_fraction else f" ({metric.unit})"
         group = f"{task_title(example.task)}: {metric.label.lower()}{unit}"
         columns += (Column(label, group) for label in ("Held-out", "n", "Train", "n"))
     results = [result for section in sections for result in section.run.summary.generalization]

@@ -27,7 +27,8 @@ from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.run import Run
 
 TOUCH_COLUMNS = (
-    "hand_x_m", "hand_y_m", "hand_z_m", "left_opening_mm", "right_opening_mm",
+    "end_effector_x_m", "end_effector_y_m", "end_effector_z_m",
+    "left_opening_mm", "right_opening_mm",
     "left_force_x_N", "left_force_y_N", "left_force_z_N",
     "right_force_x_N", "right_force_y_N", "right_force_z_N",
 )  # fmt: skip
@@ -51,7 +52,7 @@ SCENE_QUALITY = 90
 
 
 @dataclass(frozen=True)
-class Progress:
+class Quantity:
     """How near an episode was to its goal, T + 1 values; Playing has no goal."""
 
     title: str
@@ -60,19 +61,19 @@ class Progress:
     goal: int | None = None
 
 
-def progress_of(film: Film) -> Progress:
+def quantity_of(film: Film) -> Quantity:
     """Return how near a filmed episode was to its goal."""
     state, task = film.played.trace.object_state, film.played.spec.task
     if task == OPENING.name:
         goal = round(math.degrees(OPENING.success_angle))
-        return Progress("Angle of the door", "°", np.degrees(state[:, 0]), goal)
+        return Quantity("Angle of the door", "°", np.degrees(state[:, 0]), goal)
     if task == PICK_UP.name:
         lifted = 100 * (state[:, 2] - state[0, 2])
-        return Progress("Object above its start", "cm", lifted, round(100 * PICK_UP.lift))
+        return Quantity("Object above its start", "cm", lifted, round(100 * PICK_UP.lift))
     if (target := film.played.start.target) is not None:
         distance = 100 * np.hypot(*(state[:, :2] - target).T)
-        return Progress("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
-    return Progress("Object from its start", "cm", _displacement(film))
+        return Quantity("Object to target", "cm", distance, round(100 * PUSHING.success_distance))
+    return Quantity("Object from its start", "cm", _displacement(film))
 
 
 def _displacement(film: Film) -> NDArray[np.float64]:
@@ -83,7 +84,7 @@ def _displacement(film: Film) -> NDArray[np.float64]:
     return np.degrees(moved) if film.played.spec.task == OPENING.name else 100 * moved
 
 
-def in_words(film: Film, fault: str = "") -> str:
+def ending_in_words(film: Film, fault: str = "") -> str:
     """Say how an episode ended, and the likeliest reason where it failed."""
     trace, outcome = film.played.trace, film.played.outcome
     steps, touching = len(trace.actions), np.flatnonzero(trace.contact_ticks) + 1
@@ -103,7 +104,7 @@ def in_words(film: Film, fault: str = "") -> str:
 
 
 def _what_was_reached(film: Film, what: str) -> str:
-    progress, moved = progress_of(film), _displacement(film).max()
+    progress, moved = quantity_of(film), _displacement(film).max()
     values, unit = progress.values, progress.unit
     if moved < STILL[unit]:
         return f"The {what} did not move"
@@ -189,8 +190,8 @@ def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
     marks = list(_marks(film))
     data = {
         "columns": columns,
-        "progress": asdict(progress_of(film))
-        | {"values": progress_of(film).values.round(3).tolist()},
+        "progress": asdict(quantity_of(film))
+        | {"values": quantity_of(film).values.round(3).tolist()},
         "limit": PROTOCOL.task(spec.task).force_limit,
         "marks": marks,
         "scenes": _sprite(film.scenes, quality=SCENE_QUALITY),
@@ -205,7 +206,7 @@ def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
         spec=spec,
         goal=_goal(spec.task),
         ending=marks[-1],
-        words=in_words(film, printable(run.faults.get(spec.key, ""))),
+        words=ending_in_words(film, printable(run.faults.get(spec.key, ""))),
         is_as_recorded=is_as_recorded,
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.mesh import Mesh, Points
+from minitouch_bench.shapegen.geometry import Mesh, Points
 
 STEP = 2e-6
 """Size of one step of a stored coordinate, in m: exact in the six decimals of an OBJ file."""
@@ -25,7 +25,7 @@ _HULL = struct.Struct("<2H")
 URDF = Path(__file__).with_name("shape.urdf").read_text("utf-8")
 """A link whose frame is the inertial frame: no offset, a diagonal tensor. PyBullet multiplies its
 lateral friction by the other body's."""
-FORMAT = "v1"
+CODEC = "v1"
 """Version of these texts: part of the file names, since PyBullet caches meshes by name."""
 
 
@@ -118,7 +118,7 @@ def _read_mesh(record: bytes, at: int, sizes: tuple[int, int], index_type: str) 
 
 def files_stem(record_digest: str) -> str:
     """Return what the names of a shape's files begin with, from its record's digest."""
-    return f"{record_digest[:20]}-{FORMAT}"
+    return f"{record_digest[:20]}-{CODEC}"
 
 
 def file_names(stem: str) -> tuple[str, str, str]:

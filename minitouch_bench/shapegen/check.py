@@ -18,14 +18,14 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import CameraSpec, Split
 from minitouch_bench.shapegen.body_codec import Body, decode, digest
 from minitouch_bench.shapegen.generate import Progress, record_facts
+from minitouch_bench.shapegen.geometry import RestPose, product, yaw
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, splits_of
-from minitouch_bench.shapegen.mesh import RestPose, product, yaw
-from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, examine, strictly
+from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, check_body, strictly
 from minitouch_bench.simulation.client import PhysicsClient, View
 
 MEASURED = ("genus", "misfit", "outside_m", "wall_m", "convexity", "volume_m3", "density", "lifted")
 """What the manifest tells of a shape beyond what its record holds."""
-ROUNDING: Mapping[str, float] = {"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0}
+PROCESSOR_TOLERANCE: Mapping[str, float] = {"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0}
 """By how much another processor may measure otherwise beside 0.1 %: one grip trial; others 2e-5."""
 POSE_ROUNDING = (1e-4, *[0.01] * 10)
 """The same for a pose: height (m), share, and the nine numbers of the rotation matrix."""
@@ -118,7 +118,7 @@ def _close(key: str, measured: Any, listed: Any) -> bool:
     if key == "poses":
         ours, theirs = ([_numbers(pose) for pose in poses] for poses in (measured, listed))
         return len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=0.0, atol=POSE_ROUNDING)
-    return bool(np.isclose(measured, listed, rtol=1e-3, atol=ROUNDING.get(key, 2e-5)))
+    return bool(np.isclose(measured, listed, rtol=1e-3, atol=PROCESSOR_TOLERANCE.get(key, 2e-5)))
 
 
 def _numbers(pose: RestPose) -> list[float]:
@@ -134,7 +134,7 @@ def examine_record(task: tuple[bytes, bool]) -> tuple[str, dict[str, Any]]:
     record, is_imported = task
     body = decode(record)
     try:
-        measures = examine(body, (lambda *_: None) if is_imported else strictly)
+        measures = check_body(body, (lambda *_: None) if is_imported else strictly)
     except UnsoundError as error:
         return str(error), {}
     return "", {**measures, "density": body.mass / measures["volume_m3"]}

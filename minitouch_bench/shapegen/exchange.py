@@ -35,8 +35,8 @@ from minitouch_bench.shapegen.body_codec import (
     quantized,
 )
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
+from minitouch_bench.shapegen.geometry import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
-from minitouch_bench.shapegen.mesh import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 
 FAMILY = "imported"
@@ -66,7 +66,7 @@ SEEN_LENGTH = 0.04
 """Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
 """That of water, kg/m³."""
-UNITS = (1.0, 0.001, 0.01, 0.0254)
+METERS = (1.0, 0.001, 0.01, 0.0254)
 """Meters in what the unit of a file can be: m, mm, cm, inches."""
 MOST_TRIES = 4
 """Scales that are tried for an object whose size is refused."""
@@ -253,7 +253,7 @@ def shape_of(
     low, high = (mass / volume for mass in soundness.LIMITS.mass)
     density = density or float(np.clip(USUAL_DENSITY, low * 1.0001, high * 0.9999))
     body = weighed(mesh, density)
-    measures = soundness.examine(body, missed.__setitem__)
+    measures = soundness.check_body(body, missed.__setitem__)
     soundness.check_usable(body, measures["poses"][0], missed.__setitem__)
     not_promised = [f"{reason} ({detail})" for reason, detail in missed.items()]
     return {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
@@ -265,7 +265,7 @@ def _advice(closed: Mesh, config: ImportConfig, error: soundness.UnsoundError) -
     A usual unit is preferred where the object is far too long or too short.
     """
     scale, said, (low, high) = config.scale, list[str](), LENGTH
-    units = [unit for unit in UNITS if low <= _length(closed) * unit <= high]
+    units = [unit for unit in METERS if low <= _length(closed) * unit <= high]
     if low <= _length(closed) * scale <= high:
         units = []
     while error.factor and len(said) < MOST_TRIES:
@@ -401,7 +401,7 @@ def _plain_names(sources: Iterable[str]) -> list[str]:
     return list(names)
 
 
-def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
+def export_shapes(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
     """Write every shape, or those of one split, into a folder; return the number of files.
 
     Raises:

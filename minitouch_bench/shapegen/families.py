@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import manifold3d
 import numpy as np
 
-from minitouch_bench.shapegen.mesh import Points
+from minitouch_bench.shapegen.geometry import Points
 from minitouch_bench.shapegen.solids import (
     Solid,
     capsule,
@@ -154,7 +154,7 @@ def _cut(rng: np.random.Generator, solid: Solid, half: np.ndarray) -> Solid:
     return solid - Solid.sphere(radius, 32).translate((direction * surface).tolist())
 
 
-STEPS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+NEIGHBORS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
 def stacked(rng: np.random.Generator) -> Solid:
@@ -163,7 +163,7 @@ def stacked(rng: np.random.Generator) -> Solid:
     cells = [(0, 0, 0)]
     while len(cells) < count:
         base = np.array(cells[int(rng.integers(len(cells)))])
-        x, y, z = (base + STEPS[int(rng.integers(6))]).tolist()
+        x, y, z = (base + NEIGHBORS[int(rng.integers(6))]).tolist()
         if (x, y, z) not in cells and max(abs(x), abs(y), abs(z)) <= 1:
             cells.append((x, y, z))
     # Unequal pitches along each axis make a continuum of the few polycubes there are.

@@ -19,16 +19,16 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest, encode, quantized
 from minitouch_bench.shapegen.families import FAMILIES, GENERATOR_VERSION
+from minitouch_bench.shapegen.geometry import Mesh, Points, in_body_frame, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
-from minitouch_bench.shapegen.mesh import Mesh, Points, in_body_frame, solid_moments
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
 from minitouch_bench.shapegen.soundness import (
     LIMITS,
     Reason,
     SoundnessConfig,
     UnsoundError,
+    check_body,
     check_mesh,
-    examine,
     grip_scale,
 )
 from minitouch_bench.simulation.builds import BUILDS
@@ -214,7 +214,7 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
             mesh = sized(FAMILIES[family](rng), rng)
             density = drawn_density(mesh, rng)
             body = weighed(mesh, density)
-            measures = examine(body)
+            measures = check_body(body)
             if task in NEAR_COPIES and not refused[Reason.COPY.name]:
                 raise UnsoundError(Reason.COPY)
         except UnsoundError as error:

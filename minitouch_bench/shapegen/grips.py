@@ -11,7 +11,7 @@ import numpy as np
 import pybullet_data
 
 from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
-from minitouch_bench.shapegen import mesh
+from minitouch_bench.shapegen import geometry
 from minitouch_bench.shapegen.body_codec import Body, body_files
 from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
 
@@ -28,7 +28,7 @@ PALM_ABOVE_TARGET = 0.039
 LOWEST_TARGET = 0.0112
 """Grasp-target height that keeps the fingertips 4 mm above the table, m."""
 FINGER_OPEN = PROTOCOL.control.finger_open
-OPENING = 2.0 * FINGER_OPEN
+WIDEST_GRIP = 2.0 * FINGER_OPEN
 """Distance between the open pads, m."""
 DEEP = 0.012
 """How far above the fingertips a body should reach between the pads, m."""
@@ -40,9 +40,9 @@ SLAB_HALF_EXTENTS, SLAB_CENTER = (0.5, 0.5, 0.05), (0.0, 0.0, -0.05)
 SLAB_FRICTION = 0.5
 POST, FINGERS = 0, (1, 2)
 """The gripper's joints: the one that lifts it, and its fingers."""
-FORCES = (1000.0, *PICK_UP.arm.finger_forces)
+GRIPPER_FORCES = (1000.0, *PICK_UP.arm.motor_force)
 """Most force of each joint in N; the fingers' as in Pick-up."""
-POINTING_DOWN = (1.0, 0.0, 0.0, 0.0)
+PADS_DOWN = (1.0, 0.0, 0.0, 0.0)
 HAND_ABOVE_TARGET = 0.105
 LIFT = 0.08
 SETTLE_TICKS, WATCH_TICKS = 300, 60
@@ -63,7 +63,7 @@ class Grasp:
 
 
 def plan_grasp(
-    points: mesh.Points,
+    points: geometry.Points,
     lowest_target: float = LOWEST_TARGET,
     tried: Sequence[float] = (),
     *,
@@ -94,7 +94,7 @@ def plan_grasp(
     return best
 
 
-def _rated(points: mesh.Points, x: float, z: float, depth: float) -> tuple[Grasp, float]:
+def _rated(points: geometry.Points, x: float, z: float, depth: float) -> tuple[Grasp, float]:
     """Return the grasp at a strip and height, and its score in m: less is better."""
     strip = points[np.abs(points[:, 0] - x) <= PAD_HALF_WIDTH]
     strip = strip[strip[:, 2] >= z - TIP_BELOW_TARGET - 0.002]
@@ -105,7 +105,7 @@ def _rated(points: mesh.Points, x: float, z: float, depth: float) -> tuple[Grasp
     wide_low = min(low, float(strip[:, 1].min()) + RECESS)
     wide_high = max(high, float(strip[:, 1].max()) - RECESS)
     width = wide_high - wide_low
-    if width > OPENING - 0.006:
+    if width > WIDEST_GRIP - 0.006:
         return Grasp(x, 0.0, z, float("inf")), float("inf")
     left, right = pad[pad[:, 1] <= low + 0.0015], pad[pad[:, 1] >= high - 0.0015]
     across = left.mean(axis=0) - right.mean(axis=0)
@@ -125,7 +125,7 @@ class Rest:
     lowest point and the table in m, negative below it.
     """
 
-    quaternion: mesh.Quaternion
+    quaternion: geometry.Quaternion
     height: float
     tilt: float
     speed: float
@@ -154,11 +154,11 @@ class GripRig:
         self._gripper.write_text(text)
         self._vertices = np.concatenate([hull.vertices for hull in body.hulls])
 
-    def settle(self, pose: mesh.RestPose) -> Rest:
+    def settle(self, pose: geometry.RestPose) -> Rest:
         """Lay the body down tilted by 2 degrees, 1 mm above the table, and wait 1.5 s."""
-        start = mesh.product((float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180))),
+        start = geometry.product((float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180))),
                         pose.quaternion)  # fmt: skip
-        lowest = float((self._vertices @ mesh.rotation_matrix(start)[2]).min())
+        lowest = float((self._vertices @ geometry.rotation_matrix(start)[2]).min())
         body = self._fresh_world(start, 0.002 - lowest)
         for _ in range(SETTLE_TICKS):
             self._client.step()
@@ -168,32 +168,34 @@ class GripRig:
             linear, angular = self._client.speed(body)
             speed, spin = max(speed, linear), max(spin, angular)
         position, quaternion = self._client.pose(body)
-        rotation = mesh.rotation_matrix(quaternion)
-        cosine = float(rotation[2] @ mesh.rotation_matrix(pose.quaternion)[2])
+        rotation = geometry.rotation_matrix(quaternion)
+        cosine = float(rotation[2] @ geometry.rotation_matrix(pose.quaternion)[2])
         gap = position[2] + float((self._vertices @ rotation[2]).min())
         return Rest(quaternion, position[2], float(np.arccos(min(1.0, cosine))), speed, spin, gap)
 
-    def lift(self, pose: mesh.RestPose, angle: float, surface: mesh.Points) -> bool:
+    def lift(self, pose: geometry.RestPose, angle: float, surface: geometry.Points) -> bool:
         """Grip a body at a yaw and raise it; true if it came. ``surface``: points (N, 3), m."""
-        turned = mesh.product(mesh.yaw(angle), pose.quaternion)
-        grasp = plan_grasp(surface @ mesh.rotation_matrix(turned).T + [0.0, 0.0, pose.height])
+        turned = geometry.product(geometry.yaw(angle), pose.quaternion)
+        grasp = plan_grasp(surface @ geometry.rotation_matrix(turned).T + [0.0, 0.0, pose.height])
         if not np.isfinite(grasp.width):
             return False
         body = self._fresh_world(turned, pose.height)
         above = (grasp.x, grasp.y, grasp.z + HAND_ABOVE_TARGET)
-        gripper = self._client.load_urdf(self._gripper, above, POINTING_DOWN, fixed=True)
+        gripper = self._client.load_urdf(self._gripper, above, PADS_DOWN, fixed=True)
         for finger in FINGERS:
             self._client.set_joint(gripper, finger, FINGER_OPEN)
         for tick in range(CLOSE_TICKS + LIFT_TICKS + HOLD_TICKS):
             share = min(1.0, max(0.0, (tick - CLOSE_TICKS) / LIFT_TICKS))
             targets = (share * LIFT, 0.0, 0.0)
-            self._client.drive_joints(gripper, (POST, *FINGERS), targets, FORCES)
+            self._client.drive_joints(gripper, (POST, *FINGERS), targets, GRIPPER_FORCES)
             self._client.step()
         position, quaternion = self._client.pose(body)
-        lowest = position[2] + float((self._vertices @ mesh.rotation_matrix(quaternion)[2]).min())
+        lowest = position[2] + float(
+            (self._vertices @ geometry.rotation_matrix(quaternion)[2]).min()
+        )
         return lowest >= PICK_UP.lift
 
-    def visible_pixels(self, pose: mesh.RestPose) -> int:
+    def visible_pixels(self, pose: geometry.RestPose) -> int:
         """Return how many pixels of a policy's image show the body where it is seen worst."""
         body = self._fresh_world(pose.quaternion, pose.height)
         counts = []
@@ -207,7 +209,7 @@ class GripRig:
                 counts.append(np.count_nonzero(image.bodies == body))
         return int(min(counts))
 
-    def _fresh_world(self, quaternion: mesh.Quaternion, height: float) -> int:
+    def _fresh_world(self, quaternion: geometry.Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""
         client = self._client
         client.reset_world()

@@ -39,7 +39,7 @@ from minitouch_bench.shapegen.body_codec import (
     file_names,
     files_stem,
 )
-from minitouch_bench.shapegen.mesh import RestPose
+from minitouch_bench.shapegen.geometry import RestPose
 
 MANIFEST = "manifest.json"
 PACK = "shapes.bin"
@@ -51,7 +51,7 @@ HELD_OUT_SHARE = 0.2
 SALT = "minitouch split 1"
 PlainName = Annotated[str, Meta(pattern=whole(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}"))]
 """A shape's name and its family are names of files too."""
-Count = Annotated[int, Meta(ge=0, le=GIB)]
+Size = Annotated[int, Meta(ge=0, le=GIB)]
 KEYS = {"mass": "mass_kg", "extents": "extents_m", "digest": "sha256"}
 
 
@@ -64,7 +64,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
     SHA-256 of its record, ``files_sha256`` that of its meshes and URDF. An imported one has
     ``not_promised``, what it lacks of the promises of the canonical set, and ``sides_m`` along the
     axes of its file. The record is at ``offset`` in the file ``pack``. The others are what
-    ``soundness.examine`` says.
+    ``soundness.check_body`` says.
     """
 
     name: PlainName
@@ -77,17 +77,17 @@ class Shape(Struct, frozen=True, rename=KEYS):
     convexity: float
     genus: int
     wall_m: float
-    faces: Count
-    hulls: Count
-    hull_vertices: Count
+    faces: Size
+    hulls: Size
+    hull_vertices: Size
     misfit: float
     outside_m: float
     lifted: float
     poses: Annotated[tuple[RestPose, ...], Meta(min_length=1)]
     digest: str
     files_sha256: str
-    offset: Count
-    length: Count
+    offset: Size
+    length: Size
     not_promised: tuple[str, ...] = ()
     sides_m: tuple[float, float, float] | None = None
     pack: Path = Path()

@@ -22,7 +22,7 @@ import trimesh
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MIB, read_file
-from minitouch_bench.shapegen.mesh import Mesh, Points
+from minitouch_bench.shapegen.geometry import Mesh, Points
 from minitouch_bench.shapegen.soundness import Reason
 
 MESHES = (".obj", ".stl", ".glb")

@@ -7,7 +7,7 @@ import fast_simplification
 import manifold3d
 import numpy as np
 
-from minitouch_bench.shapegen.mesh import Mesh, Points
+from minitouch_bench.shapegen.geometry import Mesh, Points
 
 Solid: TypeAlias = manifold3d.Manifold
 """A closed 2-manifold solid of manifold3d."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.body_codec import Body
-from minitouch_bench.shapegen.grips import GripRig, open_rig
-from minitouch_bench.shapegen.mesh import (
+from minitouch_bench.shapegen.geometry import (
     Mesh,
     Points,
     RestPose,
@@ -24,6 +23,7 @@ from minitouch_bench.shapegen.mesh import (
     thinnest_wall,
     widest_across,
 )
+from minitouch_bench.shapegen.grips import GripRig, open_rig
 from minitouch_bench.shapegen.solids import hull_of, symmetric_difference, to_mesh, to_solid, union
 
 
@@ -187,7 +187,7 @@ def check_numbers(body: Body, refuse: Refuse = strictly) -> None:
         raise UnsoundError(Reason.INERTIA)
 
 
-def examine(body: Body, refuse: Refuse = strictly) -> dict[str, Any]:
+def check_body(body: Body, refuse: Refuse = strictly) -> dict[str, Any]:
     """Check a body by every criterion, cheapest first, and return what was measured.
 
     By the manifest's keys, in SI units, ``misfit`` and ``convexity`` as shares. ``lifted`` is the

@@ -16,7 +16,7 @@ BUILDS = {"pybullet": "3.2.7", "pybullet-arm64": "3.2.8"}
 ``pybullet`` has wheels for CPython 3.11, ``pybullet-arm64`` for later versions, also on x86-64.
 """
 
-LIBRARIES: Mapping[str, Mapping[str, str]] = {
+KNOWN_BUILDS: Mapping[str, Mapping[str, str]] = {
     "pybullet.cpython-311-x86_64-linux-gnu.so": {
         "6ef264fe07e719a39d4e058149da9c9e3d48febd0f53261de51400bc39a494dc": "pybullet",
         "a440bf18cf79c5b5a273e4b53915115122ef7f4789de51d752e51026a5119a3f": "pybullet-arm64",
@@ -66,7 +66,7 @@ def check_library() -> str:
     if spec is None or spec.origin is None:
         raise UsageError(f"there is no simulator: pip install {advised_build()}")
     library = Path(spec.origin)
-    known = LIBRARIES.get(library.name)
+    known = KNOWN_BUILDS.get(library.name)
     if known is None:
         return f"{library.name} was compiled for this machine: no build is known to compare with"
     with library.open("rb") as file:

@@ -10,7 +10,6 @@ the one cue of height that a camera without stereo has, for the price of a compa
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -39,10 +38,6 @@ def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
     left, right = arm.finger_forces()
     touch[FORCES] = np.clip((*left, *right), -force_limit, force_limit)
     return touch
-
-
-Observation = dict[str, NDArray[Any]]
-"""``image``: uint8 (C, H, W); ``touch``: float32 (11,), see ``read_touch``."""
 
 
 def observation_space(force_limit: float) -> spaces.Dict:

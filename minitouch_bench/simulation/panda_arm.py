@@ -187,7 +187,7 @@ class PandaArm:
             self.body,
             (*ARM_JOINTS, *FINGER_JOINTS),
             (*joints, *fingers),
-            (*[CONTROL.arm_force] * len(ARM_JOINTS), *self._spec.finger_forces),
+            (*[CONTROL.arm_force] * len(ARM_JOINTS), *self._spec.motor_force),
         )
 
 

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle, RecordConstructorArgs
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Outcome, Start
+from minitouch_bench.episode import Observation, Outcome, Start
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import checked
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
@@ -21,7 +21,6 @@ from minitouch_bench.simulation.client import PhysicsClient, View
 from minitouch_bench.simulation.observation import (
     ContactWatch,
     GrayCamera,
-    Observation,
     Shadow,
     observation_space,
     read_touch,

@@ -25,13 +25,13 @@ from minitouch_bench.protocol.minitouch import (
     TabletopSpec,
 )
 from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
+from minitouch_bench.shapegen.geometry import Mesh, Quaternion, product, rotation_matrix
 from minitouch_bench.shapegen.manifest import (
     Objects,
     Shape,
     canonical_shape_set,
     choose_shapes,
 )
-from minitouch_bench.shapegen.mesh import Mesh, Quaternion, product, rotation_matrix
 from minitouch_bench.simulation.bodies import (
     DOOR_JOINT,
     DOOR_LINK,

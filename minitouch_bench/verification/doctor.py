@@ -22,7 +22,7 @@ from minitouch_bench.files import cache_directory, cache_file
 from minitouch_bench.machine import extras, installed_versions
 from minitouch_bench.policies.kernel import supported_abi
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.process import isolate, try_policy
+from minitouch_bench.policies.policy_process import isolate, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions

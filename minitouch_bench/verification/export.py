@@ -27,7 +27,7 @@ from minitouch_bench.policies.policy import (
     action_size,
     zero_observation,
 )
-from minitouch_bench.policies.process import isolate, kept_generators
+from minitouch_bench.policies.policy_process import isolate, kept_generators
 from minitouch_bench.policies.python_objects import digest_object, keep_in_memory
 from minitouch_bench.policies.torch_programs import ModulePolicy
 from minitouch_bench.protocol.spec import fit_action
@@ -36,7 +36,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 
 SUFFIX = ".pt2"
 
-ROUNDING = 1e-5
+SAME_ACTION = 1e-5
 """Largest difference between numbers of an applied action, from -1 to 1, that are the same."""
 
 LOST = (
@@ -118,8 +118,8 @@ def export_module(module: object, path: Path, task: str) -> Export:
     if played.fault:
         raise PolicyLoadError(f"{path} is not written, the episode failed: {played.fault}")
     differences = both.differences
-    if not max(differences) <= ROUNDING:
-        first = next(i for i, value in enumerate(differences, 1) if not value <= ROUNDING)
+    if not max(differences) <= SAME_ACTION:
+        first = next(i for i, value in enumerate(differences, 1) if not value <= SAME_ACTION)
         text = (
             f"{path} is not written: from action {first} of {len(differences)} on it acts "
             f"differently from the module, by up to {max(differences):.2g}.\n"

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from minitouch_bench.episode import EpisodeSpec, Film, PlayedEpisode, Role
+from minitouch_bench.episode import EpisodeSpec, Film, Observation, PlayedEpisode, Role
 from minitouch_bench.errors import RunDirectoryError, numbered
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import REPLAYS, VIDEOS, make_folder, os_errors_as, view_name, write_file
 from minitouch_bench.machine import require
-from minitouch_bench.policies.policy import IMAGE_SHAPE, Observation, Policy
+from minitouch_bench.policies.policy import IMAGE_SHAPE, Policy
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.reporting.viewer import EpisodePage, episode_csv, episode_page

@@ -2,7 +2,7 @@
 
 import torch
 
-from minitouch_bench.agents.replay import Batch
+from minitouch_bench.agents.memory import Batch
 
 
 def random_batch(size=8, action_size=4, seed=0):

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from minitouch_bench.agents.keypoints import Keypoints
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.policies.networks import KEYPOINT_FEATURES, KEYPOINTS
 
 
@@ -81,15 +81,15 @@ def test_a_keypoint_that_does_not_move_is_not_the_hand():
 
 def test_a_memory_that_is_encoded_gives_the_features_of_its_images():
     images, touch, _ = scenes(6, 0)
-    replay, model, rng = Replay(4, 11, 4, KEYPOINT_FEATURES), make(), np.random.default_rng(0)
-    replay.begin_episode(images[0].numpy(), touch[0].numpy())
+    memory, model, rng = ReplayMemory(4, 11, 4, KEYPOINT_FEATURES), make(), np.random.default_rng(0)
+    memory.begin_episode(images[0].numpy(), touch[0].numpy())
     for image, felt in zip(images[1:], touch[1:], strict=True):
         action = np.zeros(4, np.float32)
-        replay.add(action, 0.0, image.numpy(), felt.numpy(), success=False, ended=False)
-    replay.encode(model.encode)
+        memory.add(action, 0.0, image.numpy(), felt.numpy(), success=False, ended=False)
+    memory.encode(model.encode)
     known = model.encode(images, touch)
     chances = {"n_step": 1, "discount": 1.0, "success_share": 0.0, "device": torch.device("cpu")}
-    batch = replay.sample(rng, 32, **chances, encoded=True)
+    batch = memory.sample(rng, 32, **chances, encoded=True)
     for now, then in zip(batch.image, batch.next_image, strict=True):
         row = int((known - now).square().sum(dim=1).argmin())
         torch.testing.assert_close(now, known[row])

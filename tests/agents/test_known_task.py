@@ -8,7 +8,7 @@ import torch
 
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 STEPS, RANDOM_STEPS, EPISODE, STRIDE = 3000, 500, 50, 0.04
@@ -32,21 +32,21 @@ def cells_seen(method, seed):
         curiosity=replace(config.curiosity, bfloat16=False),
     )
     learner = Learner(config, spec, torch.device("cpu"))
-    replay = Replay(STEPS * 2, 11, spec.action_size)
+    memory = ReplayMemory(STEPS * 2, 11, spec.action_size)
     seen = np.zeros((10, 10), bool)
     for step in range(STEPS):
         if step % EPISODE == 0:
             place = np.full(2, 0.05)
-            replay.begin_episode(picture(place), TOUCH)
+            memory.begin_episode(picture(place), TOUCH)
         if method and step >= RANDOM_STEPS:
             action = learner.act({"image": picture(place), "touch": TOUCH})
         else:
             action = learner.act_at_random()
         place = np.clip(place + STRIDE * action[:2], 0.0, 1.0)
         seen[tuple((9.99 * place).astype(int))] = True
-        replay.add(action, 0.0, picture(place), TOUCH, success=False, ended=False)
+        memory.add(action, 0.0, picture(place), TOUCH, success=False, ended=False)
         if method and step >= RANDOM_STEPS and step % 2:
-            learner.update(replay, step)
+            learner.update(memory, step)
     return seen.mean()
 
 

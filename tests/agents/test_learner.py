@@ -16,7 +16,7 @@ from minitouch_bench.agents.config import (
 )
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
 from minitouch_bench.agents.learner import Learner, TouchScale, kept_size
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.networks import ENCODER_CHANNELS
@@ -68,21 +68,21 @@ def test_a_policy_is_saved_in_half_precision_and_acts_the_same(tmp_path, keypoin
 
 
 def filled_replay():
-    replay, rng = Replay(100, 11, 4, kept_size(4)), np.random.default_rng(0)
+    memory, rng = ReplayMemory(100, 11, 4, kept_size(4)), np.random.default_rng(0)
     image = rng.integers(0, 256, (1, 84, 84), dtype=np.uint8)
-    replay.begin_episode(image, np.zeros(11, np.float32))
+    memory.begin_episode(image, np.zeros(11, np.float32))
     for _ in range(20):
         touch, action = (rng.normal(size=size).astype(np.float32) for size in (11, 4))
-        replay.add(action, 0.0, image, touch, success=False, ended=False)
-    return replay
+        memory.add(action, 0.0, image, touch, success=False, ended=False)
+    return memory
 
 
 def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
     phase = PhaseConfig(10, target_entropy=5.0, final_target_entropy=-50.0, entropy_steps=10)
     learner = make_learner(method="sac", sac=SacConfig(batch_size=4), task_phase=phase)
-    replay = filled_replay()
+    memory = filled_replay()
     first, risen, last = (
-        float(learner.update(replay, step)["temperature"]) for step in (0, 10, 10)
+        float(learner.update(memory, step)["temperature"]) for step in (0, 10, 10)
     )
     assert risen > first
     assert last < risen
@@ -105,10 +105,10 @@ class TouchCounts(Curiosity):
 def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
     monkeypatch.setitem(CURIOSITIES, "hac", TouchCounts)
     first, other = (make_learner(sac=SacConfig(batch_size=4)) for _ in range(2))
-    replay = filled_replay()
-    first.update(replay, 1)
+    memory = filled_replay()
+    first.update(memory, 1)
     other.load_state(copy.deepcopy(first.state()))
-    losses = [one.update(replay, 2) for one in (first, other)]
+    losses = [one.update(memory, 2) for one in (first, other)]
     assert losses[0] == losses[1]
     assert losses[0]["intrinsic_reward"] > 0
     assert other.curiosity.counts.sum() == 8
@@ -119,9 +119,9 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
 def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keypoints):
     sac = SacConfig(batch_size=4, bfloat16=False)
     learner = make_learner(keypoints=keypoints, without=(sense,), sac=sac)
-    replay = filled_replay()
+    memory = filled_replay()
     for step in range(3):
-        learner.update(replay, step)
+        learner.update(memory, step)
     policy = learner.actor()
     image = torch.randint(256, (2, 1, 84, 84), dtype=torch.uint8)
     touch = torch.rand(1, 11).repeat(2, 1)
@@ -137,7 +137,7 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keyp
     if keypoints:
         return  # its batches have keypoints in place of the images
     surprised = [
-        learner.curiosity.errors(replace(learner._batch(replay), next_image=picture)).surprise
+        learner.curiosity.errors(replace(learner._batch(memory), next_image=picture)).surprise
         for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
     ]
     assert not torch.equal(*surprised)  # the curiosity has every sense

@@ -12,8 +12,8 @@ from minari.dataset.minari_storage import MinariStorage
 
 import minitouch_bench as mt
 from minitouch_bench.agents.config import PhaseConfig
+from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import CheckpointFiles, Replay
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
@@ -52,20 +52,20 @@ def write_log(path, touch_size=11, dense=False):
 @pytest.mark.parametrize("dense", [False, True])
 def test_the_memory_holds_every_recorded_step_and_success(tmp_path, dense):
     write_log(tmp_path / "log", dense=dense)
-    replay = Replay(100, 11, 4)
-    fill_from_dataset(replay, tmp_path / "log", 4)
-    assert replay.rows == sum(LENGTHS) + len(LENGTHS)
-    assert len(replay.episode_actions()) == LENGTHS[-1]
-    led = replay.state()["_led_to_success"].nonzero().flatten().tolist()
+    memory = ReplayMemory(100, 11, 4)
+    fill_from_dataset(memory, tmp_path / "log", 4)
+    assert memory.rows == sum(LENGTHS) + len(LENGTHS)
+    assert len(memory.episode_actions()) == LENGTHS[-1]
+    led = memory.state()["_led_to_success"].nonzero().flatten().tolist()
     assert led == [*range(4), *range(5, 12)]
 
 
 def test_a_log_of_another_form_is_refused(tmp_path):
     write_log(tmp_path / "log", touch_size=3)
     with pytest.raises(UsageError, match="touch"):
-        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
+        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "log", 4)
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        fill_from_dataset(Replay(100, 11, 4), tmp_path / "nothing", 4)
+        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "nothing", 4)
 
 
 def test_a_log_of_bare_numbers_is_refused(tmp_path):
@@ -79,7 +79,7 @@ def test_a_log_of_bare_numbers_is_refused(tmp_path):
     storage.update_episodes([episode])
     storage.update_metadata({"dataset_id": "robot-v0", "minari_version": minari.__version__})
     with pytest.raises(UsageError, match="is not a Minari dataset"):
-        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
+        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "log", 4)
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:1/log", "hf://a/b", "https://a.b/log"])
@@ -145,7 +145,7 @@ SPOILED = {
 def test_a_spoiled_dataset_is_refused_in_one_line(tmp_path, name):
     path = spoiled(tmp_path / "log", SPOILED[name])
     with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_dataset(Replay(100, 11, 4), path, 4)
+        fill_from_dataset(ReplayMemory(100, 11, 4), path, 4)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -154,14 +154,14 @@ def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     write_log(tmp_path / "log")
     (tmp_path / "log" / "metadata.json").write_text(text)
     with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_dataset(Replay(100, 11, 4), tmp_path / "log", 4)
+        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "log", 4)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_a_dataset_larger_than_the_memory_is_refused(tmp_path):
     write_log(tmp_path / "log")
     with pytest.raises(UsageError, match="replay_size"):
-        fill_from_dataset(Replay(10, 11, 4), tmp_path / "log", 4)
+        fill_from_dataset(ReplayMemory(10, 11, 4), tmp_path / "log", 4)
 
 
 def config_with_log(tmp_path, method="hac"):
@@ -193,7 +193,7 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
 def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
     config = config_with_log(tmp_path, "sac")
     assert run_training(config, tmp_path / "run", device="cpu")
-    memory, log_alone = (Replay(config.replay_size, 11, 4) for _ in range(2))
+    memory, log_alone = (ReplayMemory(config.replay_size, 11, 4) for _ in range(2))
     CheckpointFiles(tmp_path / "run").load(memory)
     fill_from_dataset(log_alone, tmp_path / "log", 4)
     assert memory.rows == log_alone.rows + 1 + config.steps

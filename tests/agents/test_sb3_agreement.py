@@ -7,7 +7,7 @@ import torch
 from stable_baselines3 import SAC
 
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.agents.sac import Sac
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -43,25 +43,25 @@ def train_ours(seed):
     sac = Sac(CONFIG, action_size=1, touch_size=3, encoder=NoImage(), features=0)
     sac.begin_phase(PhaseConfig(STEPS, learning_rate=RATE, initial_temperature=1.0))
     noise, rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-    replay = Replay(STEPS * 2, 3, 1)
+    memory = ReplayMemory(STEPS * 2, 3, 1)
 
     def tensors(observation):
         return torch.from_numpy(NOTHING)[None], torch.from_numpy(observation)[None]
 
     observation, _ = environment.reset(seed=seed)
-    replay.begin_episode(NOTHING, observation)
+    memory.begin_episode(NOTHING, observation)
     for step in range(STEPS):
         if step < RANDOM_STEPS:
             action = rng.uniform(-1, 1, 1).astype(np.float32)
         else:
             action = sac.act(*tensors(observation), noise)[0].numpy()
         observation, reward, _, ended, _ = environment.step(2.0 * action)
-        replay.add(action, float(reward), NOTHING, observation, success=False, ended=False)
+        memory.add(action, float(reward), NOTHING, observation, success=False, ended=False)
         if ended:
             observation, _ = environment.reset()
-            replay.begin_episode(NOTHING, observation)
+            memory.begin_episode(NOTHING, observation)
         if step >= RANDOM_STEPS:
-            batch = replay.sample(
+            batch = memory.sample(
                 rng, CONFIG.batch_size,
                 n_step=1, discount=0.99, success_share=0.0, device=torch.device("cpu"),
             )  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from minitouch_bench import files
-from minitouch_bench.agents import replay, training
+from minitouch_bench.agents import memory, training
 from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
@@ -253,7 +253,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 
 
 @pytest.mark.parametrize(
-    "place", [(replay, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
+    "place", [(memory, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
 )
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     undisturbed, tmp_path, monkeypatch, place

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import typer
 
+from minitouch_bench.agents.memory import Replay
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import Replay
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from minitouch_bench.evaluation.rollout import EpisodeRunner
@@ -78,7 +78,7 @@ WITHOUT = f"""
 import sys
 from pathlib import Path
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.replay import Replay
+from minitouch_bench.agents.memory import Replay
 from minitouch_bench.commands.record import record
 {WITHOUT_LOCKS}
 record("random", "pushing", output=Path(sys.argv[1]), episodes=1)

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 
 from minitouch_bench.errors import InfrastructureError
 from minitouch_bench.evaluation.engine import Engine, open_engine
-from minitouch_bench.evaluation.ray_engine import SETTINGS
+from minitouch_bench.evaluation.ray_engine import RAY_VARIABLES
 
 START = (sys.executable, "-m", "ray.scripts.scripts", "start", "--block")
 QUICK = {"RAY_health_check_period_ms": "500", "RAY_health_check_timeout_ms": "2000"}
@@ -29,7 +29,7 @@ class Node:
     def __init__(self, *options: str, **variables: str) -> None:
         self.process = subprocess.Popen(
             [*START, *QUIET, *options],
-            env={**os.environ, **SETTINGS, **QUICK, **variables},
+            env={**os.environ, **RAY_VARIABLES, **QUICK, **variables},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,

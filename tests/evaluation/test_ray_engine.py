@@ -18,7 +18,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.ray_engine import pack
+from minitouch_bench.evaluation.ray_engine import pack_source
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.formats import KIND_BY_SUFFIX
 from minitouch_bench.policies.networks import TouchActor
@@ -84,7 +84,7 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path):
         (tmp_path / name).write_bytes(content)
     sources = [parse_source(str(tmp_path / name)) for name in ("mine", "early.zip")]
     setup = PolicySetup(make_plan("smoke"), *sources)
-    there = pack(setup)
+    there = pack_source(setup)
     assert there.policy.digest == setup.policy.digest
     found = [there.policy.for_task("pushing"), there.policy.for_task("opening"), there.exploration]
     for source, (name, content) in zip(found, contents.items(), strict=True):
@@ -102,7 +102,7 @@ def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
     else:
         file.write_bytes(content)
     with pytest.raises(CheckpointChangedError):
-        pack(setup)
+        pack_source(setup)
 
 
 @pytest.mark.slow

@@ -40,5 +40,5 @@ def test_touch_has_a_direction_in_playing_only(metric):
 def test_a_task_is_ranked_by_a_share_of_which_more_is_better():
     for task in TASK_NAMES:
         assert METRICS[ranking_metric(task)].direction_in(task) == UP
-        assert METRICS[ranking_metric(task)].is_share
+        assert METRICS[ranking_metric(task)].is_fraction
     assert ranking_metric("playing") == "touch_share"

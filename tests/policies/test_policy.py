@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 from minitouch_bench.errors import PolicyLoadError, PolicyRaisedError
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import PolicySource, load_policy
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
 from tests.policies.conftest import load
 

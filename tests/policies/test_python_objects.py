@@ -13,7 +13,7 @@ from minitouch_bench.errors import (
     ServerUnreachableError,
 )
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
-from minitouch_bench.policies.process import isolate
+from minitouch_bench.policies.policy_process import isolate
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object, make_policy
 from minitouch_bench.policies.sources import parse_source
 from tests.process_tree import run_python

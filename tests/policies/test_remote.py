@@ -12,9 +12,9 @@ import pytest
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource, load_policy
-from minitouch_bench.policies.process import isolate, try_policy
+from minitouch_bench.policies.policy_process import isolate, try_policy
 from minitouch_bench.policies.server import (
-    MAX_EPISODES,
+    MAX_OPEN_EPISODES,
     PolicyHandler,
     PolicyServer,
     RequestError,
@@ -166,7 +166,7 @@ def test_a_short_observation_is_refused(connect):
 
 def test_beyond_the_most_open_episodes_the_oldest_is_dropped(server):
     question = b'{"seed": 1, "task": "pushing"}'
-    first, second, *_ = [server.begin(question) for _ in range(MAX_EPISODES + 1)]
+    first, second, *_ = [server.begin(question) for _ in range(MAX_OPEN_EPISODES + 1)]
     assert server.act(second, bytes(OBSERVATION_BYTES))[2] == 1.0
     with pytest.raises(RequestError, match="no episode"):
         server.act(first, bytes(OBSERVATION_BYTES))

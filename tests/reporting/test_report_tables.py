@@ -7,7 +7,7 @@ import pytest
 from minitouch_bench.metrics.definitions import DOWN, NO_DIRECTION, UP
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting.report import build_report
-from minitouch_bench.reporting.report_tables import mark_best, verdict
+from minitouch_bench.reporting.report_tables import gap_in_words, mark_best
 from minitouch_bench.reporting.tables import ABSENT, Cell
 
 
@@ -72,4 +72,4 @@ def test_labels_stand_below_every_table_and_mark_a_run(hac, scripted):
 )
 def test_the_verdict_says_what_the_interval_says(task, metric, low, high, words):
     estimate = Estimate((low + high) / 2, low, high, 40, "bootstrap")
-    assert verdict(task, metric, estimate) == words
+    assert gap_in_words(task, metric, estimate) == words

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Start, Trace
-from minitouch_bench.reporting.viewer import episode_csv, episode_page, in_words
+from minitouch_bench.reporting.viewer import ending_in_words, episode_csv, episode_page
 
 
 def make_film(task="pick-up", *, steps=4, touching=(), outcome=Outcome.STEP_LIMIT, state=None):
@@ -75,11 +75,11 @@ def places(*x):
     ],
 )
 def test_the_likely_reason_is_said_in_words(film, words):
-    assert re.search(words, in_words(film))
+    assert re.search(words, ending_in_words(film))
 
 
 def test_the_fault_of_a_policy_is_its_reason():
-    assert in_words(make_film(outcome=Outcome.POLICY_FAULT), "NaN") == (
+    assert ending_in_words(make_film(outcome=Outcome.POLICY_FAULT), "NaN") == (
         "The policy failed after 4 steps: NaN"
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from minitouch_bench.shapegen.body_codec import Body, quantized
-from minitouch_bench.shapegen.mesh import Mesh, solid_moments
+from minitouch_bench.shapegen.geometry import Mesh, solid_moments
 from minitouch_bench.shapegen.solids import Solid, to_mesh
 
 

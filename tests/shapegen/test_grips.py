@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
+from minitouch_bench.shapegen.geometry import (
+    product,
+    rest_poses,
+    rotation_matrix,
+    surface_points,
+    yaw,
+)
 from minitouch_bench.shapegen.grips import plan_grasp
-from minitouch_bench.shapegen.mesh import product, rest_poses, rotation_matrix, surface_points, yaw
 from minitouch_bench.shapegen.solids import hull_of
 from tests.shapegen.bodies import box
 

@@ -10,8 +10,8 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.shapegen.body_codec import encode
 from minitouch_bench.shapegen.generate import family_of
+from minitouch_bench.shapegen.geometry import rotation_matrix, widest_across
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set, splits_of
-from minitouch_bench.shapegen.mesh import rotation_matrix, widest_across
 from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
 

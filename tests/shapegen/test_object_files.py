@@ -9,7 +9,7 @@ import trimesh
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.shapegen import object_files
-from minitouch_bench.shapegen.mesh import Mesh, face_normals, solid_moments
+from minitouch_bench.shapegen.geometry import Mesh, face_normals, solid_moments
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 from tests.shapegen.bodies import BLOCK
 

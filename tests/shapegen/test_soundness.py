@@ -5,16 +5,16 @@ import pytest
 
 from minitouch_bench.shapegen import soundness
 from minitouch_bench.shapegen.body_codec import Body
-from minitouch_bench.shapegen.mesh import Mesh, rest_poses
+from minitouch_bench.shapegen.geometry import Mesh, rest_poses
 from minitouch_bench.shapegen.solids import Solid, hull_of, to_mesh
 from minitouch_bench.shapegen.soundness import (
     LIMITS,
     Reason,
     UnsoundError,
+    check_body,
     check_hulls,
     check_mesh,
     check_numbers,
-    examine,
     grip_scale,
     height_and_width,
     laid_pose,
@@ -29,7 +29,7 @@ def reason_of(check: object, *arguments: object) -> Reason:
 
 
 def test_a_plain_block_is_sound() -> None:
-    measures = examine(box_body(*BLOCK))
+    measures = check_body(box_body(*BLOCK))
     assert len(measures["poses"]) == 6
     assert measures["convexity"] == pytest.approx(1.0)
     assert measures["misfit"] == pytest.approx(0.0, abs=1e-9)
@@ -76,8 +76,8 @@ def test_hulls_must_follow_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_flat_and_wide() -> None:
-    assert reason_of(examine, box_body(0.053, 0.05, 0.045, density=12_000)) is Reason.TOO_FLAT
-    assert reason_of(examine, box_body(0.07, 0.07, 0.058, density=5000)) is Reason.TOO_WIDE
+    assert reason_of(check_body, box_body(0.053, 0.05, 0.045, density=12_000)) is Reason.TOO_FLAT
+    assert reason_of(check_body, box_body(0.07, 0.07, 0.058, density=5000)) is Reason.TOO_WIDE
 
 
 def test_the_first_pose_is_the_one_that_the_tasks_lay_it_down_in() -> None:
@@ -88,7 +88,7 @@ def test_the_first_pose_is_the_one_that_the_tasks_lay_it_down_in() -> None:
     assert boxes[0][0] == pytest.approx(0.044)
     chosen = boxes[laid_pose(hull, poses)]
     assert chosen == pytest.approx((0.08, np.hypot(0.046, 0.044)), abs=1e-5)
-    assert height_and_width(hull, examine(box_body(*BLOCK))["poses"][0]) == pytest.approx(
+    assert height_and_width(hull, check_body(box_body(*BLOCK))["poses"][0]) == pytest.approx(
         chosen, abs=5e-4
     )
 
@@ -108,4 +108,4 @@ def test_what_slips_from_the_fingers_is_refused() -> None:
     )
     mesh = to_mesh(pyramid)
     body = Body(mesh, (mesh,), 1.5, (4e-4, 4e-4, 4e-4))
-    assert reason_of(examine, body) is Reason.SLIPS
+    assert reason_of(check_body, body) is Reason.SLIPS

@@ -21,13 +21,13 @@ def test_the_installed_library_is_known_without_being_loaded():
     assert "known build of pybullet" in said
 
 
-@pytest.mark.parametrize("name", [*builds.LIBRARIES, "pybullet.cpython-314-x86_64-linux-gnu.so"])
+@pytest.mark.parametrize("name", [*builds.KNOWN_BUILDS, "pybullet.cpython-314-x86_64-linux-gnu.so"])
 def test_another_library_is_refused_where_a_build_is_known(name, tmp_path, monkeypatch):
     library = tmp_path / name
     library.write_bytes(b"\x7fELF of somebody else")
     spec = type("Spec", (), {"origin": str(library)})
     monkeypatch.setattr(builds.importlib.util, "find_spec", lambda _: spec)
-    if name in builds.LIBRARIES:
+    if name in builds.KNOWN_BUILDS:
         with pytest.raises(UsageError, match="--force-reinstall"):
             builds.check_library()
     else:
@@ -36,7 +36,7 @@ def test_another_library_is_refused_where_a_build_is_known(name, tmp_path, monke
 
 def test_every_pinned_distribution_has_a_known_build():
     pinned = (Path(__file__).parents[2] / "pyproject.toml").read_text()
-    owners = {owner for known in builds.LIBRARIES.values() for owner in known.values()}
+    owners = {owner for known in builds.KNOWN_BUILDS.values() for owner in known.values()}
     assert owners == builds.BUILDS.keys()
     for name, version in builds.BUILDS.items():
         assert f'"{name}=={version};' in pinned

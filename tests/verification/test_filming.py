@@ -130,7 +130,7 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given(scripted):
     [
         (Perturbation(without=("forces",)), "left_force_x_N"),
         (Perturbation(force_noise=20.0), "left_force_x_N"),
-        (Perturbation(without=("touch",)), "hand_x_m"),
+        (Perturbation(without=("touch",)), "end_effector_x_m"),
     ],
 )
 def test_what_the_policy_was_given_is_shown_beside_the_truth(

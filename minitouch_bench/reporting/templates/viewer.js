@@ -40,7 +40,7 @@
       curves: [curve("contact_ticks", "in contact", "touched")] },
     { title: "Opening of the fingers, mm", scale: linear(-2, 42), ticks: [0, 20, 40], digits: 1,
       curves: [curve("left_opening_mm", "left", "series-3"), curve("right_opening_mm", "right", "series-4")] },
-    asked("Action: move the hand", ["dx", "dy", "dz"]),
+    asked("Action: move the end effector", ["dx", "dy", "dz"]),
     asked("Action: fingers (1 opens)", ["fingers", "yaw"]),
     { title: `${progress.title}, ${progress.unit}`, scale: linear(low - (high - low) * 0.06, high + (high - low) * 0.06),
       ticks: [low, high].map(round), limits: progress.goal === null ? [] : [progress.goal], limit: `goal ${progress.goal} ${progress.unit}`, digits: 1,

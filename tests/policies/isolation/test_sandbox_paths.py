@@ -4,7 +4,7 @@ import pytest
 
 from minitouch_bench.errors import IsolationError, PolicyLoadError
 from minitouch_bench.policies.policy import IsolationOptions, zero_observation
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sandbox import factory_paths
 from minitouch_bench.policies.sources import parse_source
 

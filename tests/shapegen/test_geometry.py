@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minitouch_bench.shapegen.mesh import (
+from minitouch_bench.shapegen.geometry import (
     distances_to_surface,
     first_hits,
     in_body_frame,

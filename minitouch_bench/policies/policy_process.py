@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench import errors
-from minitouch_bench.episode import IN_MEMORY
+from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.forkserver import seed_everything
 from minitouch_bench.policies.formats import FORMATS
@@ -99,7 +99,7 @@ class PolicyProcess:
         late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
-    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped.
 
         Raises:
@@ -328,7 +328,7 @@ class InProcessPolicy:
             self.warning = policy.warning_of(self._policy)
             self._policy.reset(seed, task)
 
-    def act(self, observation: policy.Observation) -> NDArray[np.float32]:
+    def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}

@@ -60,7 +60,7 @@ class Batch:
     ended: Tensor
 
 
-class Replay:
+class ReplayMemory:
     """What happened, row by row: an image, its touch, and the action that followed.
 
     An episode of T control steps fills T + 1 rows; the last one has no action. Rows are
@@ -311,13 +311,13 @@ class CheckpointFiles:
         """Tell whether there is a checkpoint."""
         return os.path.lexists(self._file)
 
-    def save(self, state: dict[str, Any], replay: Replay) -> None:
+    def save(self, state: dict[str, Any], memory: ReplayMemory) -> None:
         """Write a checkpoint; the last one stays whole until this one is.
 
         Raises:
             RunDirectoryError: there is no room, or no permission.
         """
-        fresh = replay.images_since(max(self._rows, replay.rows - len(replay)))
+        fresh = memory.images_since(max(self._rows, memory.rows - len(memory)))
         with (
             os_errors_as(RunDirectoryError, self._images, "written"),
             os.fdopen(open_plain(self._images, os.O_RDWR | os.O_CREAT), "r+b") as file,
@@ -327,13 +327,13 @@ class CheckpointFiles:
             file.write(fresh)
             file.flush()
             os.fsync(file.fileno())
-        self._rows, self._length = replay.rows, self._length + len(fresh)
-        whole = {"version": CHECKPOINT_VERSION, "images": self._length, "replay": replay.state()}
+        self._rows, self._length = memory.rows, self._length + len(fresh)
+        whole = {"version": CHECKPOINT_VERSION, "images": self._length, "replay": memory.state()}
         content = io.BytesIO()
         torch.save({**whole, **state}, content)
         write_file(self._file, content.getvalue())
 
-    def load(self, replay: Replay) -> dict[str, Any]:
+    def load(self, memory: ReplayMemory) -> dict[str, Any]:
         """Fill the replay memory and return the rest of the state.
 
         Raises:
@@ -349,8 +349,8 @@ class CheckpointFiles:
             if (version := state.pop("version", None)) != CHECKPOINT_VERSION:
                 raise ValueError(f"it has version {version}, not {CHECKPOINT_VERSION}: train again")
             self._length = state.pop("images")
-            replay.load(state.pop("replay"), self._read_images)
-        self._rows = replay.rows
+            memory.load(state.pop("replay"), self._read_images)
+        self._rows = memory.rows
         return state
 
     def _read_images(self, size: int) -> bytes:

@@ -24,7 +24,7 @@ from minitouch_bench.errors import (
     PolicyTimeoutError,
 )
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
-from minitouch_bench.policies.process import PolicyProcess, try_policy
+from minitouch_bench.policies.policy_process import PolicyProcess, try_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
@@ -287,7 +287,8 @@ class Fork:
     def __call__(self, _):
         return -1
 ctypes.PyDLL = lambda _: SimpleNamespace(fork=Fork())
-forkserver.serve(theirs, wire.HostSetup("torchscript", IsolationOptions(Isolation.PROCESS)))
+setup = wire.HostSetup("torchscript", IsolationOptions(Isolation.PROCESS))
+forkserver.serve_episodes(theirs, setup)
 """
 
 
@@ -299,7 +300,7 @@ def test_a_host_that_cannot_fork_ends_at_once():
 WORKER = """
 import sys, time
 from minitouch_bench.policies.policy import IsolationOptions
-from minitouch_bench.policies.process import PolicyProcess
+from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
 policy = PolicyProcess(
