@@ -381,6 +381,6 @@ def digest_method(method: str) -> str:
     """Return the SHA-256 of the source file of the user's class, "" for a method of ours."""
     if ":" not in method:
         return ""
-    source = inspect.getsourcefile(find_curiosity(method))  # type: ignore[arg-type]
+    source = inspect.getsourcefile(find_curiosity(method))
     assert source is not None
     return hashlib.sha256(Path(source).read_bytes()).hexdigest()

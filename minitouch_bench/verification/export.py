@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyLoadError, UsageError, describe
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import write_file
@@ -21,7 +22,6 @@ from minitouch_bench.policies.native import to_tensors
 from minitouch_bench.policies.policy import (
     Isolation,
     IsolationOptions,
-    Observation,
     Policy,
     PolicySource,
     action_size,

@@ -17,7 +17,8 @@ class TouchCounts(Curiosity):
     def errors(self, batch):
         touch = batch.next_touch  # positions in -1 ... 1, forces in units of 10 N
         x, y, z = ((touch[:, POSITION] + 1) / 2 * CELLS).long().clamp(0, CELLS - 1).T
-        cell = ((x * CELLS + y) * CELLS + z) * 2 + touch[:, FORCES].any(dim=1)
+        touches = (touch[:, FORCES].abs() > 0.2).any(dim=1)  # 2 N: a finger alone weighs 1 N
+        cell = ((x * CELLS + y) * CELLS + z) * 2 + touches
         self.visits += torch.bincount(cell, minlength=len(self.visits))
         surprise = self.visits[cell].rsqrt()  # one number per row, not below 0
         return Errors(surprise, surprise.mean())  # the second is the networks' loss
