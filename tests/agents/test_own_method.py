@@ -93,7 +93,7 @@ class Raising(Wrong):
         ("mine:Missing", "Missing"),
         ("nowhere:Class", "nowhere"),
         ("mine:Wrong", "(4, 1)"),
-        ("mine:Raising", "it is missing' (mine.py:18 in errors)"),
+        ("mine:Raising", "it is missing' (mine.py:17 in errors)"),
     ],
 )
 def test_a_faulty_class_is_named_in_one_line(name, words, beside):
