@@ -31,6 +31,24 @@ prove: $(DEV)
 test-wheel: $(DEV)
 	$(BIN)/python -m pytest -n 0 -m slow tests/test_wheel.py
 
+LEROBOT        := .venv-lerobot
+LEROBOT_PIP    := $(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check
+LEROBOT_PYTHON ?= $(shell for python in python3.12 python3.13 python3 \
+  $(HOME)/.pyenv/versions/3.1[23].*/bin/python; do \
+  $$python -c "import sys; sys.exit(sys.version_info[:2] not in ((3, 12), (3, 13)))" 2>/dev/null \
+  && echo $$python && break; done)
+
+.PHONY: test-lerobot
+# LeRobot needs another Python and other versions, so an environment of its own.
+test-lerobot:
+	@if [ -z "$(LEROBOT_PYTHON)" ]; then \
+	  echo "Skipped: LeRobot needs CPython 3.12 or 3.13, and there is none. With one elsewhere:" \
+	    "make test-lerobot LEROBOT_PYTHON=/path/to/python3.12"; \
+	else \
+	  $(MAKE) --no-print-directory $(LEROBOT)/.ready && $(LEROBOT)/bin/python -m pytest \
+	    -m 'slow or not slow' tests/policies/test_lerobot.py tests/libraries/test_lerobot.py; \
+	fi
+
 # The calibration policies against their committed baselines.
 regress: $(READY)
 	for policy in zero random open-loop scripted; do \
@@ -74,7 +92,7 @@ submission-tools: $(READY)
 	$(PIP) --editable '.[hub,onnx,sb3]'
 
 clean:
-	rm -rf $(VENV) build dist site *.egg-info
+	rm -rf $(VENV) $(LEROBOT) build dist site *.egg-info
 
 # What evaluation needs. The build of torch for the CPU comes from PyTorch's own index: the usual one
 # brings gigabytes of CUDA packages.
@@ -102,6 +120,20 @@ $(DEV): $(READY)
 	@echo "Installing every extra and what the tests need into $(VENV): 800 MB more on the disk"
 	@$(PIP) --editable '.[dev]'
 	@touch $(DEV)
+
+# The plugin is installed as a wheel, which is built aside: the build writes into its folder.
+$(LEROBOT)/.ready: pyproject.toml $(wildcard integrations/lerobot/*)
+	@echo "Installing LeRobot, PyTorch for the CPU and MiniTouch-bench into $(LEROBOT):" \
+	  "2.5 GB on the disk"
+	@"$(LEROBOT_PYTHON)" -m venv $(LEROBOT)
+	@$(LEROBOT_PIP) --retries 1 --no-deps --index-url https://download.pytorch.org/whl/cpu \
+	  'torch<2.12' 'torchvision<0.27' || \
+	  echo "PyTorch's index of builds for the CPU cannot be reached: the usual build comes in its" \
+	  "place, with 4 GB of CUDA packages"
+	@$(LEROBOT_PIP) 'lerobot[training,evaluation,diffusion]==0.6.1' --editable . pytest pytest-timeout
+	@rm -rf build/lerobot && mkdir -p build && cp -r integrations/lerobot build
+	@$(LEROBOT_PIP) --no-deps ./build/lerobot
+	@touch $@
 
 $(SITE): $(READY)
 	$(PIP) --editable '.[docs]'

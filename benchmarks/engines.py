@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.throughput import measure, spread
-from minitouch_bench.evaluation.engine import Engine, open_engine
+from minitouch_bench.evaluation.engine import Engine, LocalEngine, open_engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 

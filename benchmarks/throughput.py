@@ -14,9 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 from minitouch_bench.episode import EpisodeSpec
-from minitouch_bench.evaluation.engine import Engine
+from minitouch_bench.evaluation.engine import Engine, LocalEngine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Isolation, IsolationOptions

@@ -14,15 +14,22 @@ import pandas as pd
 
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
-from experiments.grid import KEY, cells_of, check_lock, finished_cells, read_design
+from experiments.grid import KEY, cells_of, check_lock, default_output, finished_cells, read_design
 from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import OVER_SEEDS, Estimate, over_seeds
 from minitouch_bench.metrics.statistics import count_discordance, tango
-from minitouch_bench.reporting.labels import PAPER_METHODS, PAPER_NOTE, paper_cell, task_title
+from minitouch_bench.reporting.labels import (
+    MARK_NOTE,
+    PAPER_METHODS,
+    PAPER_NOTE,
+    paper_cell,
+    task_title,
+)
 
-STUDIES = Path(__file__).parents[1] / "docs" / "studies"
+STUDIES = Path(__file__).parent
+"""Where each stored study has a folder: ``design.toml``, rows, report and figures."""
 
 POINT = ["task", "exploration_steps", "method", "suite", "conditions", "metric"]
 """What has one value per training seed."""
@@ -98,7 +105,7 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
     for section in (
         _claims(design, judged),
-        _over_seeds("Table 4", joined, "table4", TABLE4, _learned(estimates)),
+        _over_seeds("Table 4", joined, "table4", TABLE4, learned_seeds(estimates)),
         _over_seeds("Novel shapes", joined, "novel-shapes", gaps, {}),
         _training_seeds(estimates),
         _conditions(joined, episodes),
@@ -187,7 +194,7 @@ def _title(point: Sequence[Any]) -> str:
     return f"{task_title(task)}, {steps:,} control steps of exploration"
 
 
-def _learned(estimates: pd.DataFrame) -> dict[tuple[Any, ...], str]:
+def learned_seeds(estimates: pd.DataFrame) -> dict[tuple[Any, ...], str]:
     """Return by task, length of exploration and method how many training seeds learned."""
     success = estimates[estimates["metric"] == "success"]
     main = success[(success["suite"] == "table4") & (success["conditions"] == "")]
@@ -226,7 +233,7 @@ def _over_seeds(
         yield from ("", f"### {_title(point)}")
         yield from table_lines(["Metric", *methods, *(f"{one} (paper)" for one in paper)], rows)
     if len(part):
-        yield from _notes(SEEDS_NOTE, *([PAPER_NOTE] if with_paper else []))
+        yield from _notes(SEEDS_NOTE, *([f"{PAPER_NOTE} {MARK_NOTE}"] if with_paper else []))
 
 
 def _training_seeds(estimates: pd.DataFrame) -> Iterator[str]:
@@ -356,10 +363,9 @@ def main() -> None:
     parser.add_argument("directory", type=Path, nargs="?", help="default: reports/studies/NAME")
     given = parser.parse_args()
     if given.design is None:
-        pairs = [(file, file.with_suffix("")) for file in sorted(STUDIES.glob("*.toml"))]
+        pairs = [(file, file.parent) for file in sorted(STUDIES.glob("*/design.toml"))]
     else:
-        usual = Path("reports/studies") / given.design.stem
-        pairs = [(given.design, given.directory or usual)]
+        pairs = [(given.design, given.directory or default_output(given.design))]
     for file, directory in pairs:
         design = read_design(file)
         check_lock(design, directory)

@@ -60,6 +60,13 @@ def read_design(file: Path) -> dict[str, Any]:
     return {**tomllib.loads(content.decode()), "digest": hashlib.sha256(content).hexdigest()}
 
 
+def default_output(file: Path) -> Path:
+    """Return where the rows of a design go: to a directory of its name, or of its folder's."""
+    return Path("reports/studies") / (
+        file.resolve().parent.name if file.stem == "design" else file.stem
+    )
+
+
 def check_lock(design: Mapping[str, Any], directory: Path) -> None:
     """Exit where a locked design is not the one that its finished trainings were made with."""
     file = directory / "trainings.csv"
@@ -284,7 +291,7 @@ def main() -> None:
     given = parser.parse_args()
     # At Ctrl-C the executor would first finish the cells it has handed out.
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))
-    output = given.output or Path("reports/studies") / given.design.stem
+    output = given.output or default_output(given.design)
     sys.exit(1 if run_grid(given.design, output, given.workers, given.only) else 0)
 
 

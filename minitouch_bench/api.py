@@ -16,6 +16,13 @@ from minitouch_bench.comparison.comparison import (
     comparison_json,
     comparison_markdown,
 )
+from minitouch_bench.comparison.comparison_page import comparison_html
+from minitouch_bench.comparison.methods import (
+    MethodComparison,
+    compare_method_runs,
+    methods_json,
+    methods_markdown,
+)
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
 from minitouch_bench.evaluation.execution import (
@@ -46,16 +53,9 @@ else:
     Export = TrainingCallbacks = object  # their modules import torch
 
 __all__ = [
-    "Run",
-    "TaskResult",
-    "compare",
-    "evaluate",
-    "export",
-    "load_run",
-    "make",
-    "replay",
-    "train",
-]
+    "Run", "TaskResult", "compare", "compare_methods", "evaluate", "export", "load_run", "make",
+    "replay", "train",
+]  # fmt: skip
 
 AUTO_OUTPUT = "auto"
 """Means the directory that the command line takes by default."""
@@ -188,17 +188,15 @@ def evaluate(
         run = play_run(setup, opened, running, callbacks)
         if directory:
             with resumable(directory):
-                write_views(run, directory)
-                if video or replays:
-                    viewers = film_run(
-                        run,
-                        directory,
-                        videos=video,
-                        replays=replays,
-                        workers=running.workers,
-                        callbacks=callbacks,
-                    )
-                    write_views(run, directory, viewers)
+                viewers = film_run(
+                    run,
+                    directory,
+                    videos=video,
+                    replays=replays,
+                    workers=running.workers,
+                    callbacks=callbacks,
+                )
+                write_views(run, directory, viewers)
     return run
 
 
@@ -221,10 +219,13 @@ def export(module: object, path: StrPath, task: str) -> Export:
 
 
 @checked
-def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
+def compare(
+    *runs: Run | StrPath, output: StrPath | None = None, html: StrPath | None = None
+) -> Comparison:
     """Compare runs, or their directories, episode by episode, each with the first one.
 
-    With ``output`` comparison.md and comparison.json are written to this directory.
+    With ``output`` comparison.md and comparison.json are written to this directory, with ``html``
+    this file is written, a page that opens offline.
 
     Raises:
         UsageError: the runs have other episodes or another protocol.
@@ -235,6 +236,31 @@ def compare(*runs: Run | StrPath, output: StrPath | None = None) -> Comparison:
     if output is not None:
         files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
         files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+    if html is not None:
+        files.write_file(Path(html), comparison_html(comparison, opened))
+    return comparison
+
+
+@checked
+def compare_methods(
+    a: Sequence[Run | StrPath], b: Sequence[Run | StrPath], *, output: StrPath | None = None
+) -> MethodComparison:
+    """Compare two methods by a run of each of their training seeds, two or more of each.
+
+    ``output``: as in ``compare``.
+
+    Raises:
+        UsageError: a method has one run, or the runs have other episodes or another protocol.
+        RunDirectoryError: a directory is not a run, or is damaged.
+    """
+    first, second = (
+        [run if isinstance(run, Run) else read_run(Path(run)) for run in side] for side in (a, b)
+    )
+    paths = [[str(run.directory or run.name) for run in side] for side in (first, second)]
+    comparison = compare_method_runs((first, second), paths)
+    if output is not None:
+        files.write_file(Path(output) / "comparison.json", methods_json(comparison))
+        files.write_file(Path(output) / "comparison.md", methods_markdown(comparison))
     return comparison
 
 
@@ -271,6 +297,7 @@ def train(
     task_steps: int | None = None,
     objects: StrPath | None = None,
     without: Words | None = None,
+    task_without: Words | None = None,
     from_log: StrPath | None = None,
     preset: str = "default",
     config: StrPath | None = None,
@@ -300,21 +327,27 @@ def train(
 
     if progress and callbacks is not None:
         raise UsageError("progress shows what callbacks are told: give one of them")
+    both, task_alone = words(without), words(task_without)
+    phases = {
+        "exploration": _phase(exploration_steps, both),
+        "task_phase": _phase(task_steps, (*both, *task_alone)),
+    }
     given = {
         "method": method,
         "seed": seed,
         "objects": objects if isinstance(objects, str | None) else str(Path(objects).absolute()),
-        "without": parse_perturbation(words(without), ()).without or None,
         "dataset": None if from_log is None else str(from_log),
-        "exploration": None if exploration_steps is None else {"steps": exploration_steps},
-        "task_phase": None if task_steps is None else {"steps": task_steps},
     }
-    changes = {name: value for name, value in given.items() if value is not None}
+    changes = phases | {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = take_table(changes, TrainingConfig, base=base)
+    if task_alone and not asked.task_phase.steps:
+        raise UsageError("--task-without needs a task phase, which this training has not")
+    lacking = asked.exploration.without
+    more = [sense for sense in asked.task_phase.without if sense not in lacking]
+    senses = (*(f"no-{one}" for one in lacking), *(f"task-no-{one}" for one in more))
     method = asked.method.rpartition(":")[2]
-    name = "-".join((asked.task, method, *(f"no-{sense}" for sense in asked.without)))
-    usual = TRAININGS / f"{name}-{asked.seed}"
+    usual = TRAININGS / "-".join((asked.task, method, *senses, str(asked.seed)))
     directory = usual if output is None else Path(output)
     with ExitStack() as showing:
         if (is_watched() and callbacks is None) if progress is None else progress:
@@ -335,3 +368,14 @@ def train(
             "--resume continues"
         )
     return directory
+
+
+def _phase(steps: int | None, without: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of a phase that were asked for.
+
+    Raises:
+        UsageError: no such sense.
+    """
+    senses = parse_perturbation(without, ()).without
+    given = {"steps": steps, "without": senses or None}
+    return {name: value for name, value in given.items() if value is not None}

@@ -16,11 +16,13 @@ import os
 import re
 import secrets
 import stat
+import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from minitouch_bench import errors
+from minitouch_bench.text import printable
 
 KIB, MIB, GIB = 2**10, 2**20, 2**30
 
@@ -164,7 +166,7 @@ def _lock(path: Path, *, wait: bool) -> int:
                 logging.getLogger(__name__).warning(
                     "%s: this file system has no locks (%s), so nothing stops a second command in "
                     "the same directory: start only one",
-                    errors.printable(str(path.parent)),
+                    printable(str(path.parent)),
                     error.strerror,
                 )
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
@@ -307,6 +309,20 @@ def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) ->
     if size > limit or len(content) > limit:
         most = f"{limit // MIB} MiB" if limit >= MIB else f"{limit // KIB} KiB"
         raise OSError(errno.EFBIG, f"it is larger than {most}")
+    return content
+
+
+def unpack(packed: bytes) -> bytes:
+    """Return what a ``.gz`` file contains, at most LARGEST_FILE bytes.
+
+    Raises:
+        zlib.error: it is damaged, cut short, or larger.
+    """
+    unpacking = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+    content = unpacking.decompress(packed, LARGEST_FILE)
+    if not unpacking.eof:
+        most = LARGEST_FILE // MIB
+        raise zlib.error(f"it is cut short, or larger than {most} MiB when it is unpacked")
     return content
 
 

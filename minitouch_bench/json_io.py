@@ -67,7 +67,13 @@ def write_json(document: object) -> bytes:
 
 def plain(document: object) -> Any:
     """Return a record as the dicts, lists, strings and numbers of its JSON."""
+    if is_dataclass(document):  # msgspec leaves out the defaults of a dataclass that it made
+        document = asdict(document, dict_factory=_without_unset)  # type: ignore[arg-type]
     return msgspec.to_builtins(document)
+
+
+def _without_unset(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {key: value for key, value in items if value is not msgspec.UNSET}
 
 
 def whole(pattern: str) -> str:
@@ -146,35 +152,14 @@ def take_table(
     whole = table if base is None else _merged(plain(base), table)
     try:
         document = msgspec.convert(whole, kind)
-        # Not ``plain``, which leaves out the defaults of a dataclass that msgspec made.
-        known = asdict(document) if is_dataclass(document) else document  # type: ignore[arg-type]
-        fault = next(_unknown_keys(table, known, ""), "")
+        fault = next(_unknown_keys(table, plain(document), ""), "")
     except msgspec.ValidationError as error:
-        fault = fault_in_words(error, "").lstrip(".: ")
+        fault = fault_in_words(error, "", kind).lstrip(".: ")
     except UsageError as error:
         fault = str(error)
     if fault:
         raise UsageError(f"{name}: {fault}" if name else fault)
     return document
-
-
-def read_table(table: Mapping[str, Any], kind: type[Document]) -> tuple[Document, tuple[str, ...]]:
-    """Read a table key by key, and return every fault beside it.
-
-    ``kind`` has a default for each key, which one that is missing or at fault keeps.
-    """
-    types = get_type_hints(kind, include_extras=True)
-    values: dict[str, Any] = {}
-    faults = [f"'{key}' is missing" for key in types if key not in table]
-    faults += _unknown_keys(dict.fromkeys(table), types, "")
-    for key in filter(types.__contains__, table):
-        try:
-            values[key] = msgspec.convert(table[key], types[key])
-        except msgspec.ValidationError as error:
-            faults.append(fault_in_words(error, key, types[key]))
-        else:
-            faults += _unknown_keys(table[key], plain(values[key]), key)
-    return kind(**values), tuple(faults)
 
 
 def _merged(known: Any, given: Any) -> Any:

@@ -7,12 +7,14 @@ import shlex
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from minitouch_bench.episode import Count
 from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 
 CPUINFO = Path("/proc/cpuinfo")
@@ -21,6 +23,23 @@ CPUINFO = Path("/proc/cpuinfo")
 
 CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
 """The versions that a clone was set up with; an installed package has no such file."""
+
+OWN_ENVIRONMENT = {"lerobot": ", in an environment of its own with CPython 3.12 or 3.13"}
+"""What is said of an extra that needs other versions than the rest."""
+
+
+@dataclass(frozen=True)
+class RunEnvironment:
+    """Where and when a run was made; never part of its numbers.
+
+    ``started`` and ``wall_s`` (seconds) are those of its last part where it was resumed.
+    """
+
+    packages: Mapping[str, str]
+    machine: Mapping[str, str]
+    workers: Count
+    started: str
+    wall_s: float
 
 
 def machine_facts() -> dict[str, str]:
@@ -62,11 +81,13 @@ def require(module: str, extra: str) -> ModuleType:
     except ModuleNotFoundError as error:
         needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
         wanted = " ".join(f"'{requirement}'" for requirement in needed)
-        if CONSTRAINTS.exists():  # otherwise pip takes versions that do not fit the clone's others
+        place = OWN_ENVIRONMENT.get(extra, "")
+        # Otherwise pip takes versions that do not fit the clone's others.
+        if CONSTRAINTS.exists() and not place:
             wanted += f" --constraint {shlex.quote(str(CONSTRAINTS))}"
         raise MissingExtraError(
             f"this needs the package '{error.name}': pip install {wanted} "
-            f"(the extra minitouch-bench[{extra}])"
+            f"(the extra minitouch-bench[{extra}]{place})"
         ) from error
 
 

@@ -1,6 +1,7 @@
 """Under which conditions a policy plays: changed senses and a changed world."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import msgspec
@@ -15,6 +16,18 @@ SENSES: Final[tuple[Sense, ...]] = get_args(Sense)
 """What can be taken away: the touch vector, its finger forces alone, the picture."""
 
 
+@dataclass(frozen=True)
+class DrawnConditions:
+    """What one episode has of the conditions that are ranges, in the order of their draws."""
+
+    mass: float = 1.0
+    friction: float = 1.0
+    camera: float = 0.0
+    delay: int = 0
+    grip: float = 1.0
+    light: float = 1.0
+
+
 class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     """What differs from the protocol in the senses and the world. A run with any is unofficial.
 
@@ -24,8 +37,11 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     levels) and ``force_noise`` (N) are standard deviations of normal noise on each pixel and each
     force; the sum is clipped to the observation's range.
     The others are ranges, drawn uniformly in each episode: factors on the ``mass`` and the
-    ``friction`` of the object or the door, and the degrees by which the ``camera`` is turned
-    around what it looks at.
+    ``friction`` of the object or the door, the degrees by which the ``camera`` is turned around
+    what it looks at, the whole number of control steps by which observations are late
+    (``delay``), the factor on the motor force of the fingers (``grip``), and that on the gray
+    levels of pictures (``light``: 0 is black; None for the suite's).
+    Pictures get the light first; then senses get noise, then the delay, and are left out last.
 
     Raises:
         ValueError: a value that means nothing.
@@ -37,6 +53,9 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     mass: Range = (1.0, 1.0)
     friction: Range = (1.0, 1.0)
     camera: Range = (0.0, 0.0)
+    delay: tuple[int, int] = (0, 0)
+    grip: Range = (1.0, 1.0)
+    light: Range | None = None
 
     def __post_init__(self) -> None:
         if self.without != tuple(sense for sense in SENSES if sense in self.without):
@@ -46,7 +65,9 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
                 what = f"{_spelled(name)} changes a sense that stays as at the reset"
                 raise ValueError(f"{what}: leave it out, or leave out --without {min(frozen)}")
         for name, (least, most, unit) in _ALLOWED.items():
-            low, high = _as_range(getattr(self, name))
+            if (value := getattr(self, name)) is None:
+                continue
+            low, high = _as_range(value)
             if not least <= low <= high <= most:
                 order = ", the smaller value first" if low > high else ""
                 raise ValueError(f"{_spelled(name)} is {least:g} to {most:g} {unit}{order}")
@@ -54,17 +75,30 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def changes_senses(self) -> bool:
         """Whether a policy is given other observations than the environment's."""
-        return bool(self.without or self.noise or self.force_noise)
+        changes_picture = self.noise or self.light not in (None, (1.0, 1.0))
+        return bool(self.without or changes_picture or self.force_noise or self.changes_touch)
 
     @property
-    def change_the_forces(self) -> bool:
-        """Whether a policy is given other forces than those of its fingers."""
-        return bool(_NOISY["force_noise"].intersection(self.without) or self.force_noise)
+    def changes_touch(self) -> bool:
+        """Whether a policy is given another touch vector than the environment's, as a whole."""
+        return "touch" in self.without or self.delay != UNPERTURBED.delay
 
-    def draw(self, rng: np.random.Generator) -> tuple[float, float, float]:
-        """Draw one episode's factors on mass and friction, and the degrees of its camera."""
-        uniform = rng.uniform
-        return uniform(*self.mass), uniform(*self.friction), uniform(*self.camera)
+    @property
+    def changes_forces(self) -> bool:
+        """Whether a policy is given other forces than those of its fingers."""
+        return bool("forces" in self.without or self.force_noise or self.changes_touch)
+
+    def draw(self, rng: np.random.Generator) -> DrawnConditions:
+        """Draw the conditions of one episode: one number each, a new condition at the end."""
+        least, most = self.delay
+        return DrawnConditions(
+            mass=rng.uniform(*self.mass),
+            friction=rng.uniform(*self.friction),
+            camera=rng.uniform(*self.camera),
+            delay=min(int(rng.uniform(least, most + 1)), most),
+            grip=rng.uniform(*self.grip),
+            light=rng.uniform(*(self.light or (1.0, 1.0))),
+        )
 
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
@@ -95,6 +129,9 @@ _ALLOWED: Mapping[str, tuple[float, float, str]] = {
     "mass": (0.01, 100.0, "times"),
     "friction": (0.01, 100.0, "times"),
     "camera": (-180.0, 180.0, "degrees"),
+    "delay": (0, 100, "control steps"),
+    "grip": (0.01, 10.0, "times"),
+    "light": (0.0, 100.0, "times"),
 }
 """The least and the greatest value of each change, and their unit."""
 
@@ -115,6 +152,9 @@ def _spelled(name: str) -> str:
 
 PERTURBATION_NAMES: Final = tuple(map(_spelled, _ALLOWED))
 """What can be changed, as it is spelled on the command line."""
+
+AS_USUAL: Final = DrawnConditions()
+"""What an episode has under the protocol's own conditions."""
 
 UNPERTURBED: Final = Perturbation()
 """The protocol's own conditions."""
@@ -139,12 +179,18 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
         if name in values:
             raise UsageError(f"the condition '{spelled}' is given twice")
         low, colon, high = text.partition(":")
-        is_range = isinstance(getattr(UNPERTURBED, name), tuple)
+        is_range = not isinstance(getattr(UNPERTURBED, name), float)
+        number = int if name == "delay" else float
         try:
-            values[name] = (float(low), float(high if colon else low)) if is_range else float(text)
+            if is_range:
+                values[name] = number(low), number(high if colon else low)
+            else:
+                values[name] = number(text)
         except ValueError:
-            possible = f"{spelled}=2 or {spelled}=0.5:2" if is_range else f"{spelled}=2"
-            raise UsageError(f"'{change}' is no condition; write {possible}") from None
+            ranges = "1:3" if number is int else "0.5:2"
+            possible = f" or {spelled}={ranges}" if is_range else ""
+            what = f"'{change}' is no condition; write {spelled}=2{possible}"
+            raise UsageError(what) from None
     try:
         return Perturbation(without=ordered, **values)  # type: ignore[arg-type]
     except ValueError as error:

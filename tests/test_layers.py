@@ -12,7 +12,7 @@ from tests.process_tree import run_python
 
 PACKAGE = Path(minitouch_bench.__file__).parent
 GROUND = {
-    "episode", "errors", "files", "json_io", "machine", "perturbation",
+    "episode", "errors", "files", "json_io", "machine", "perturbation", "text",
     "processes", "protocol",
 }  # fmt: skip
 """Rooms that may import one another, as long as their files make no circle."""

@@ -1,8 +1,15 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_perturbation
+from minitouch_bench.perturbation import (
+    UNPERTURBED,
+    DrawnConditions,
+    Perturbation,
+    parse_perturbation,
+)
 from minitouch_bench.protocol.minitouch import PROTOCOL, PolicyLimits
 
 
@@ -11,6 +18,7 @@ def test_conditions_are_read_as_they_are_typed():
     assert found == Perturbation(without=("touch", "vision"), mass=(2.0, 2.0), camera=(-5.0, 5.0))
     found = parse_perturbation(["vision"], ["force-noise=3"])
     assert found == Perturbation(without=("vision",), force_noise=3.0)
+    assert parse_perturbation([], ["delay=1:3"]) == Perturbation(delay=(1, 3))
     assert parse_perturbation([], []) == UNPERTURBED
 
 
@@ -24,6 +32,14 @@ def test_conditions_are_read_as_they_are_typed():
         ([], ["mass=2:1"], "mass is 0.01 to 100 times, the smaller value first"),
         ([], ["mass=2", "mass=3"], "'mass' is given twice"),
         ([], ["noise=-1"], "noise is 0 to 255 gray levels"),
+        ([], ["delay=1.5"], "'delay=1.5' is no condition; write delay=2 or delay=1:3"),
+        ([], ["delay=-1"], "delay is 0 to 100 control steps"),
+        ([], ["delay=1000000"], "delay is 0 to 100 control steps"),
+        ([], ["grip=0"], "grip is 0.01 to 10 times"),
+        ([], ["light=-1"], "light is 0 to 100 times"),
+        ([], ["light=nan"], "light is 0 to 100 times"),
+        ([], ["light=dim"], "write light=2 or light=0.5:2"),
+        ([], ["grip=nan"], "grip is 0.01 to 10 times"),
         (["vision"], ["noise=1"], "--without vision"),
         (["forces"], ["force-noise=1"], "--without forces"),
         (["touch"], ["force-noise=1"], "--without touch"),
@@ -37,10 +53,22 @@ def test_what_means_nothing_is_refused(without, changes, says):
 def test_an_episodes_world_is_drawn_from_the_ranges():
     rng = np.random.default_rng(0)
     drawn = [Perturbation(mass=(0.5, 2.0)).draw(rng) for _ in range(100)]
-    masses = [mass for mass, _, _ in drawn]
+    masses = [one.mass for one in drawn]
     assert 0.5 <= min(masses) < 0.7
     assert 1.8 < max(masses) <= 2.0
-    assert {(friction, camera) for _, friction, camera in drawn} == {(1.0, 0.0)}
+    assert {replace(one, mass=1.0) for one in drawn} == {DrawnConditions()}
+
+
+def test_a_draw_depends_on_no_other_condition_and_a_delay_is_each_whole_number():
+    few, all_of_them = Perturbation(camera=(-5.0, 5.0)), Perturbation(
+        mass=(0.5, 2.0), camera=(-5.0, 5.0), delay=(1, 3), grip=(0.5, 1.0), light=(0.0, 0.5)
+    )  # fmt: skip
+    drawn = [
+        [one.draw(np.random.default_rng(seed)) for one in (few, all_of_them)] for seed in range(50)
+    ]
+    assert all(one.camera == other.camera for one, other in drawn)
+    assert {other.delay for _, other in drawn} == {1, 2, 3}
+    assert all(0.5 <= other.grip <= 1.0 for _, other in drawn)
 
 
 def test_processor_time_is_what_the_longest_episode_may_take():

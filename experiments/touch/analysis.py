@@ -21,16 +21,13 @@ import scipy
 from experiments.analysis import (
     ABSENT,
     CONDITIONS_NOTE,
-    STUDIES,
     changes_of,
     estimate_text,
     join_seeds,
     read_rows,
     silent_note,
     table_lines,
-    write_results,
 )
-from experiments.claims import SHARED_NOTE
 from experiments.figures import COLORS, SAME_BYTES
 from experiments.grid import cells_of, check_lock, finished_cells, read_design
 from minitouch_bench.metrics.definitions import METRICS
@@ -39,6 +36,9 @@ from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
 from minitouch_bench.reporting.labels import task_title
 
 DESIGN = Path(__file__).with_name("design.toml")
+
+FROZEN = "without forces"
+"""The condition in which the forces stay as they are at the reset."""
 
 UNIT = 1e-4
 """Values are rounded to this share, so that sums are whole numbers and can be counted exactly."""
@@ -76,70 +76,48 @@ VARIANTS = (
 )
 
 NOTES = (
-    "Each claim is one test of the sum, over its tasks, of the differences of means: exact, by "
-    "permutation of the seeds between the two variants within each task, one-sided. One task alone "
-    "can decide the sum. *Explores* includes the touch share in Playing, which is close to what "
-    "HaC is paid for.",
-    "Difference: of the means over the tasks, with a 95 % interval over training seeds, as in the "
-    "touch number below; not corrected. No verdict uses it.",
-    "p: adjusted by Holm's method over all claims. A single task is tested only inside a decided "
-    "claim, in its direction, with Holm's method over the claim's tasks: the chance of a false "
-    "result is at most 5 % in a claim, but not over all single tasks. A dash: not tested; whole "
-    "seeds are for whole claims alone.",
-    f"Confirmed: p ≤ {ALPHA}. Contradicted: the reverse has p ≤ {ALPHA}, with the same correction; "
-    "then p of the claim and of its tasks is that of the reverse. The chance of one or more false "
-    "confirmations is at most 5 %, and so is that of false contradictions (of either: 10 %), if "
-    "equal variants have equal distributions and the values of one seed in several tasks are "
-    "independent. Where a variant fails in some seeds no bound is known: a variant that fails in "
-    "one of ten trainings shows no failure in 0.19 of all studies with two tasks and eight seeds.",
-    f"{SHARED_NOTE} The first weights of a seed are also alike in all tasks. Where this makes its "
-    "values alike over tasks, but not over variants, the tests err more often. *p, whole seeds* "
-    "repeats the test with one value per seed, its sum over the tasks, so it does not need this "
-    "independence. No verdict uses it.",
-    f"Detectable: the difference in each task that {100 * POWER:.0f} % of such studies would "
-    "confirm at the strictest level of the correction (simulated, with normal values that vary as "
-    "these do); of a contradicted claim, in its reverse. For a single task this also assumes that "
-    "the whole claim is decided, which is seldom so if only this task differs.",
-    "`rnd-no-forces` still senses where the hand is and how far its fingers are open: it lacks "
-    "forces, not all of touch. `hac` and `rnd` differ in their whole curiosity; in Pushing RND "
-    "[explores less than random actions](../../results/notebook.md#is-the-learner-right): the last "
-    "two claims can also be confirmed because RND's curiosity is poor. A variant without forces "
-    "lacks them in both phases, so *to act* includes what felt forces do for exploration.",
-    "In the first 10,000 control steps of the task phase a penalty, which fades, keeps the "
-    "policy near the exploration policy, so poor exploration costs success too. Settings and "
-    "lengths were chosen with `hac`.",
-    "The tests were written before the design was locked, and are not part of it. Added since "
-    "then, while only rows of `hac` existed: intervals end at -1 and 1; the differences *forces "
-    "felt* and the sentence that can be quoted; what finished policies rely on; p of whole "
-    "seeds; *not tested* in place of *not decided* for the tasks of an undecided claim. Later, "
-    "while 23 of 24 trainings of `hac-no-forces` and none of the other three variants were "
-    "finished: the column *Difference*, *not confirmed*, *opposite sign*, success without a change "
-    "beside what policies rely on, the names of the touch number's columns, and words of these "
-    "notes. After the last training: the curiosities in the first paragraph. No test was changed.",
+    "Each claim is one exact, one-sided test of the sum, over its tasks, of the differences of "
+    "means, by permutation of the seeds between both variants within each task. One task alone can "
+    "decide the sum. *Explores*: success of the exploration policy; in Playing its touch share, "
+    "which is close to what HaC is paid for.",
+    "Difference: with a 95 % interval over training seeds, not corrected. Detectable: the "
+    f"difference in each task that {100 * POWER:.0f} % of such studies would confirm (simulated "
+    "with normal values); for a single task only if its claim is decided.",
+    f"Confirmed: p ≤ {ALPHA}, contradicted: p ≤ {ALPHA} for the reverse. p is corrected by Holm's "
+    "method over all claims. A single task is tested only inside a decided claim, with the same "
+    "correction over the claim's tasks; a dash means that it was not tested. The chance of one or "
+    "more false confirmations of claims is at most 5 %, if equal variants have equal distributions "
+    "and the values of one seed in several tasks are independent. *p, whole seeds* does not need "
+    "this independence: it repeats the test with each seed's sum over the tasks. Where a variant "
+    "fails in some seeds, no bound is known.",
+    "All variants share, seed by seed, the scenes of the training, the first weights and the first "
+    "1,000 actions, and all play the same official episodes: the results are about these scenes.",
+    "A variant without forces lacks them in both phases, but still senses where the hand is and "
+    "how far its fingers are open. `hac` and `rnd` differ in their whole curiosity, and in Pushing "
+    "RND [explores less than random actions](../notebook.md#is-the-learner-right): the last two "
+    "claims can also be confirmed because RND's curiosity is poor.",
+    "In the first 10,000 control steps of the task phase a penalty keeps the policy near the "
+    "exploration policy, so poor exploration costs success too. Settings and lengths were chosen "
+    "with `hac`.",
+    "The design was locked before the first training, and no test was changed. [What was added "
+    "later](../notebook.md#the-study-of-touch): intervals, *p, whole seeds*, *HaC, forces felt*, "
+    "what finished policies rely on, and the words of this page.",
 )
 
 NUMBER_NOTE = (
-    "Success (touch share in Playing, where more is not better by itself). HaC, forces felt: `hac` "
-    "less `hac-no-forces`, which the claim *Forces that are felt help to act* is about. Curiosity "
-    "and forces: `hac` less `rnd-no-forces`, that is HaC's curiosity in place of RND's, and forces "
-    "that are felt in both phases. The two parts add up to it. Each is the mean of the two "
-    "comparisons that differ in it alone (Shapley's division): `hac` less `rnd` and "
-    "`hac-no-forces` less `rnd-no-forces` for the curiosity, `hac` less `hac-no-forces` and "
-    "`rnd` less `rnd-no-forces` "
-    "for the forces. Where the two differ, their mean describes neither. The curiosities differ in "
-    "more than touch, so the first part is not the worth of touch for exploring alone. 95 % "
-    "intervals over training seeds: Student's t, not corrected for the number of intervals, too "
-    "narrow where few seeds fail. Seeds are taken as independent between variants: where those of "
-    "one curiosity are alike, the interval of the curiosity's part is too narrow."
+    "Success; in Playing the touch share, where more is not better by itself. *HaC, forces felt*: "
+    "`hac` less `hac-no-forces`. *Curiosity and forces*: `hac` less `rnd-no-forces`. The last two "
+    "columns add up to it; each is the mean of the two comparisons that differ in it alone "
+    "(Shapley's division), so where these two differ the mean describes neither. The curiosities "
+    "differ in more than touch. 95 % intervals over training seeds: Student's t, not corrected for "
+    "their number, too narrow where few seeds fail."
 )
 
 RELIANCE_NOTE = (
-    "How finished policies act when forces are frozen, late or exchanged. A drop can mean that the "
-    "policy uses the forces, or that their combination with the other senses is new to it; it does "
-    "not show what a policy would have learned without forces. No change: success in the same "
-    "episodes with the forces that are felt. A seed that learned nothing has nothing to lose: it "
-    "counts with a change of 0. Means with 95 % intervals, not corrected for their number: "
-    f"{OVER_SEEDS}."
+    "A drop can mean that the policy uses the forces, or that their combination with the other "
+    "senses is new to it. It does not show what a policy would have learned without forces. A seed "
+    "that learned nothing has nothing to lose and counts with a change of 0. Means with 95 % "
+    f"intervals, not corrected for their number: {OVER_SEEDS}."
 )
 
 FELT, CURIOSITY = "HaC, forces felt", "of it, curiosity"
@@ -343,46 +321,56 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
     values = values_of(design, directory)
     judged = judge_pooled(design["pooled"], values).round(12)
     numbers = touch_numbers(design["touch_number"], values).round(12)
-    lines = ["# What is touch for?", "", answer(design, judged, numbers), "", *VARIANTS, ""]
+    episodes = read_rows(directory, "episodes")
+    changes = join_seeds(changes_of(episodes))
+    lines = ["# What is touch for?", "", answer(design, judged, changes), "", *VARIANTS, ""]
     lines += [*_claim_lines(design, judged), *_number_lines(design, numbers), ""]
-    lines += _reliance_lines(design, read_rows(directory, "episodes"))
+    lines += _reliance_lines(design, episodes, changes)
     return TouchResults("\n".join(lines) + "\n", judged, numbers)
 
 
-def answer(design: Mapping[str, Any], judged: pd.DataFrame, numbers: pd.DataFrame) -> str:
-    """Return what felt forces and the curiosity are worth, to be quoted, with the verdict."""
+def answer(design: Mapping[str, Any], judged: pd.DataFrame, changes: pd.DataFrame) -> str:
+    """Return what the study found, in three sentences that can be repeated.
+
+    Args:
+        design: The locked design.
+        judged: What ``judge_pooled`` returns.
+        changes: The estimates over seeds of what other forces change in finished policies.
+    """
+    learned, felt = (_success_claim(design, judged, "hac", one) for one in ("rnd", "hac-no-forces"))
+    frozen = changes[(changes["method"] == "hac") & (changes["conditions"] == FROZEN)]
+    falls = {row.task: f"{-row.value:.3f}" for row in frozen.itertuples()}
+    return (
+        "1. **With HaC's curiosity about forces a robot learns to push and to lift; with RND's "
+        f"curiosity about images it seldom does**: mean success {learned.better_mean:.3f} and "
+        f"{learned.worse_mean:.3f} ({len(design['seeds'])} training seeds each, p "
+        f"{_p_text(learned.p, '= ')}).\n"
+        "2. **Feeling the forces while acting was not shown to help**: policies that feel them "
+        f"succeed in {felt.better_mean:.3f} of the episodes, policies that do not in "
+        f"{felt.worse_mean:.3f} (p {_p_text(felt.p, '= ')}).\n"
+        "3. **A finished policy that felt forces while it learned fails more often when they are "
+        f"frozen**: its success falls by {falls['pushing']} in Pushing and {falls['pick-up']} in "
+        "Pick-up."
+    )
+
+
+def _success_claim(design: Mapping[str, Any], judged: pd.DataFrame, better: str, worse: str) -> Any:
+    """Return the judged row of the claim that one arm succeeds more than another, all tasks."""
     (number,) = (
         place
         for place, claim in enumerate(design["pooled"], 1)
-        if {claim["better"]: 1.0, claim["worse"]: -1.0} == PARTS[FELT]
+        if (claim["better"], claim["worse"]) == (better, worse)
+        and {*claim["measure"].values()} == {"success"}
     )
-    rows = judged[judged["claim"] == number].set_index("task")
-    tasks, of_part = design["pooled"][number - 1]["measure"], numbers.set_index(["part", "task"])
-    felt, curiosity = (
-        ", ".join(f"{_interval_text(of_part.loc[part, one])} in {task_title(one)}" for one in tasks)
-        for part in (FELT, CURIOSITY)
-    )
-    alone = ", ".join(f"{task_title(task)}: {rows.loc[task, 'verdict']}" for task in tasks)
-    pooled = rows.loc[""]
-    p = pooled["p_reversed"] if pooled["verdict"] == CONTRADICTED else pooled["p"]
-    return (
-        "**HaC's policies that feel the finger forces, less those that do not: success "
-        f"{felt}** (means of {len(design['seeds'])} training seeds each; 95 % intervals, not "
-        "corrected for their number, too narrow where few seeds fail; the forces are felt or not "
-        "in both phases, HaC's curiosity has them in both variants). That forces which are felt "
-        "help, in the sum of these tasks, "
-        f"is {pooled['verdict']} (adjusted p: {_p_text(p)}); {alone}. HaC's curiosity in place of "
-        f"RND's: {curiosity} (means of the comparisons with and without felt forces); the two "
-        "differ in more than touch."
-    )
+    return next(judged[(judged["claim"] == number) & (judged["task"] == "")].itertuples())
 
 
 def _interval_text(row: Any) -> str:
     return f"{row.difference:+z.3f} [{row.low:+z.3f}, {row.high:+z.3f}]"
 
 
-def _p_text(p: float) -> str:
-    return f"{p:.4f}" if p >= 0.0001 else "< 0.0001"
+def _p_text(p: float, equals: str = "") -> str:
+    return f"{equals}{p:.4f}" if p >= 0.0001 else "< 0.0001"
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
@@ -423,9 +411,10 @@ def _number_lines(design: Mapping[str, Any], numbers: pd.DataFrame) -> list[str]
     return ["## The touch number", *table, "", f"- {NUMBER_NOTE}", "", figure]
 
 
-def _reliance_lines(design: Mapping[str, Any], episodes: pd.DataFrame) -> list[str]:
+def _reliance_lines(
+    design: Mapping[str, Any], episodes: pd.DataFrame, joined: pd.DataFrame
+) -> list[str]:
     """Return the table of what other forces than those felt change in finished policies."""
-    joined = join_seeds(changes_of(episodes))
     played, count = [*dict.fromkeys(joined["conditions"])], design["reliance"]["episodes"]
     unchanged = episodes[(episodes["suite"] == "table4") & (episodes["conditions"] == "")]
     unchanged = unchanged[(unchanged["role"] == "final") & (unchanged["index"] < count)]
@@ -478,12 +467,11 @@ def draw_numbers(numbers: pd.DataFrame, file: Path) -> None:
 
 def main() -> None:
     """Write the tables and figures of the study from its stored rows."""
-    design, directory = read_design(DESIGN), STUDIES / "touch"
+    design, directory = read_design(DESIGN), DESIGN.parent
     check_lock(design, directory)
     results = analyze_touch(design, directory)
     (directory / "touch.md").write_text(results.page, encoding="utf-8")
     results.judged.to_csv(directory / "pooled.csv", index=False)
-    write_results(design, directory)
     draw_numbers(results.numbers, directory / "figures" / "touch-number.svg")
 
 

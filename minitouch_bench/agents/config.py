@@ -50,6 +50,9 @@ class PhaseConfig:
     then fit the new actor to the exploration policy and the new critics to the memory.
     ``prior_weight``: weight of the divergence from the exploration policy, KL(policy, exploration
     policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
+    ``without``: senses that actor and critics lack: ``touch``, ``forces`` or ``vision``. Each is
+    constant for them (0 N, the middle of the workspace, a black picture); the curiosity has every
+    sense that its method needs. Without vision no keypoints are learned.
     """
 
     steps: NotNegative
@@ -66,6 +69,7 @@ class PhaseConfig:
     fitting_updates: NotNegative = 0
     prior_weight: Factor = 0.0
     prior_steps: NotNegative = 0
+    without: tuple[str, ...] = ()
 
     def prior_weight_at(self, step: int) -> float:
         """Return the weight of the prior after ``step`` control steps of the phase."""
@@ -116,9 +120,6 @@ class CuriosityConfig:
 class TrainingConfig:
     """One training: a task, a method, a seed, and every setting; ``make_config`` checks ranges.
 
-    ``without``: senses that actor and critics lack in both phases: ``touch``, ``forces`` or
-    ``vision``. Each is constant for them (0 N, the middle of the workspace, a black picture); the
-    curiosity has every sense that its method needs.
     ``dataset``: a recorded one, on which exploration makes its gradient steps without acting.
     ``sac`` acts, with the dataset in its replay memory.
     ``method``: one of METHODS, or a class of your own, ``package.module:Class``, whose source file
@@ -138,7 +139,6 @@ class TrainingConfig:
     method_digest: str = ""
     seed: Count = 0
     objects: str = ""
-    without: tuple[str, ...] = ()
     dataset: str = ""
     design: str = ""
     episode_steps: NotNegative = 50
@@ -173,7 +173,7 @@ class TrainingConfig:
             )
         if ":" not in self.method:
             _check("method", self.method, tuple(METHODS))
-        for sense in self.without:
+        for sense in (*self.exploration.without, *self.task_phase.without):
             _check("sense", sense, SENSES)
 
     @property
@@ -182,16 +182,26 @@ class TrainingConfig:
         return self.exploration.steps + self.task_phase.steps
 
     def is_longer_than(self, other: "TrainingConfig") -> bool:
-        """Tell whether this is the other training with more steps in its last phase."""
-        explored = other.exploration.steps
+        """Tell whether this is the other training with more steps in its last phase.
+
+        A task phase that has not begun can have other senses too.
+        """
+        explored, without = other.exploration.steps, other.task_phase.without
         if other.task_phase.steps == 0:
             explored = max(explored, self.exploration.steps)
+            without = self.task_phase.without if other.exploration_steps else without
         longer = replace(
             other,
             exploration=replace(other.exploration, steps=explored),
-            task_phase=replace(other.task_phase, steps=self.task_phase.steps),
+            task_phase=replace(other.task_phase, steps=self.task_phase.steps, without=without),
         )
         return self == longer and self.steps > other.steps
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """Return the senses that the final policy lacks."""
+        explores_only = self.exploration_steps and not self.task_phase.steps
+        return (self.exploration if explores_only else self.task_phase).without
 
     @property
     def exploration_steps(self) -> int:

@@ -16,7 +16,7 @@ from torch.nn import functional
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.memory import Batch
 from minitouch_bench.agents.sac import encode_image
-from minitouch_bench.errors import MiniTouchError, UsageError, describe
+from minitouch_bench.errors import MiniTouchError, UsageError
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.networks import (
     FEATURES,
@@ -27,12 +27,17 @@ from minitouch_bench.policies.networks import (
 )
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.simulation.observation import FORCES
+from minitouch_bench.text import describe
 
 WHITENED_LIMIT = 5.0
 """Standard deviations."""
 
 ENSEMBLE_SIZE = 5
 """Models in the ensemble (Pathak et al. 2019)."""
+
+FIXED_TARGET_PACE = 10 / 3
+"""For models of what a random network says: at the learning rate of the others, 0.0003, what a
+policy saw most surprised them as much as what it never saw (experiments/notebook.md)."""
 
 DISTILLED = 512
 """Numbers that the target network gives (Burda et al. 2019)."""
@@ -61,10 +66,11 @@ class Curiosity(nn.Module, ABC):
 
     ``window``: over how many batches, the latest ones, the rewards' standard deviation is taken.
     A model's first surprises can be a thousand times its later ones: were they never forgotten,
-    the reward would stay near 0.
+    the reward would stay near 0. ``pace``: how many times the config's learning rate.
     """
 
     window: ClassVar[float] = 100
+    pace: ClassVar[float] = 1.0
 
     def __init__(self, config: CuriosityConfig) -> None:
         super().__init__()
@@ -77,7 +83,9 @@ class Curiosity(nn.Module, ABC):
         """Make the optimizer, once everything is in place on its device."""
         # As a group, which may be empty: a model need not have a network.
         trained = {"params": [weights for weights in self.parameters() if weights.requires_grad]}
-        self.optimizer = torch.optim.Adam([trained], self.config.learning_rate, fused=True)
+        self.optimizer = torch.optim.Adam(
+            [trained], self.pace * self.config.learning_rate, fused=True
+        )
 
     @abstractmethod
     def errors(self, batch: Batch) -> Errors:
@@ -130,31 +138,36 @@ class Curiosity(nn.Module, ABC):
 
 
 class Whitening(nn.Module):
-    """Subtract each pixel's mean over all images seen, and divide by its standard deviation.
+    """Subtract each number's mean over all batches seen, and divide by its standard deviation.
 
-    The result is clipped to WHITENED_LIMIT (Burda et al. 2019). A random network tells images
-    apart that it sees so; of raw ones it sees the background, which is the same in all.
+    The result is clipped to WHITENED_LIMIT (Burda et al. 2019). A random network distinguishes
+    images whose pixels are whitened; of raw ones it sees the background, which is the same in all.
+
+    Args:
+        shape: Of one image, or of its features.
+        least_deviation: Standard deviation of a number that varies less, in its unit.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shape: tuple[int, ...], least_deviation: float) -> None:
         super().__init__()
+        self.least_variance = least_deviation**2
         self.count: Tensor = nn.Buffer(torch.zeros(()))
-        self.mean: Tensor = nn.Buffer(torch.zeros(IMAGE_SHAPE))
-        self.square: Tensor = nn.Buffer(torch.zeros(IMAGE_SHAPE))
+        self.mean: Tensor = nn.Buffer(torch.zeros(shape))
+        self.square: Tensor = nn.Buffer(torch.zeros(shape))
 
     @torch.no_grad()
-    def watch(self, images: Tensor) -> None:
-        """Add a batch, uint8 (N, 1, H, W), to the running mean and mean square of each pixel."""
-        gray = images.float()
-        self.count += len(gray)
-        rate = len(gray) / self.count
-        self.mean += rate * (gray.mean(dim=0) - self.mean)
-        self.square += rate * (gray.square().mean(dim=0) - self.square)
+    def watch(self, batch: Tensor) -> None:
+        """Add a batch (N, *shape) to the running mean and mean square of each number."""
+        values = batch.float()
+        self.count += len(values)
+        rate = len(values) / self.count
+        self.mean += rate * (values.mean(dim=0) - self.mean)
+        self.square += rate * (values.square().mean(dim=0) - self.square)
 
-    def forward(self, images: Tensor) -> Tensor:
-        """Return whitened images, float32 (N, 1, H, W)."""
-        variance = (self.square - self.mean.square()).clamp_min(1.0)
-        whitened = (images.float() - self.mean) / variance.sqrt()
+    def forward(self, batch: Tensor) -> Tensor:
+        """Return a whitened batch, float32 (N, *shape)."""
+        variance = (self.square - self.mean.square()).clamp_min(self.least_variance)
+        whitened = (batch.float() - self.mean) / variance.sqrt()
         return whitened.clamp(-WHITENED_LIMIT, WHITENED_LIMIT)
 
 
@@ -180,14 +193,15 @@ def two_layers(inputs: int, outputs: int) -> nn.Sequential:
 class HapticCuriosity(Curiosity):
     """Predict the finger forces of the reached state from its image.
 
-    r = mean_k (f_k(x') - h'_k)^2, where x' is the image and h' the forces of the reached
-    state, both from the same moment (supplement, Figure 8: the agent "anticipates the
-    force/torque sensation" of what it sees).
+    r = mean_k (f_k(x') - tanh h'_k)^2, where x' is the image and h' the forces of the reached
+    state in units of FORCE_SCALE, both from the same moment (supplement, Figure 8: the agent
+    "anticipates the force/torque sensation" of what it sees).
 
     Decisions, where the paper is silent:
 
-    - Forces alone are predicted, in units of FORCE_SCALE: position and opening are seen in every
-      image.
+    - Forces alone are predicted: position and opening are seen in every image.
+    - tanh: an image shows whether a finger touches, but not how hard it presses, so without tanh
+      the reward is largest where the fingers press hardest (experiments/notebook.md).
     - The standard deviation is that of all surprises, which grow as the policy finds contacts.
     """
 
@@ -201,7 +215,7 @@ class HapticCuriosity(Curiosity):
     def errors(self, batch: Batch) -> Errors:
         """Return squared errors; the loss is their mean."""
         prediction = self.head(self.encode(self.encoder, batch.next_image))
-        surprise = (prediction - batch.next_touch[:, FORCES]).square().mean(dim=1)
+        surprise = (prediction - batch.next_touch[:, FORCES].tanh()).square().mean(dim=1)
         return Errors(surprise, surprise.mean())
 
 
@@ -252,12 +266,17 @@ class Disagreement(Curiosity):
     """Predict the next features with five models; pay where they differ.
 
     r = mean_k var_m g_m(phi(x), a)_k (Pathak et al. 2019, exploration-by-disagreement).
-    phi is a random encoder of whitened images that is never trained: their simplest choice.
+    phi is a random encoder of whitened images that is never trained: their simplest choice. Each
+    feature is whitened too: otherwise the models fit so little of the features, which mostly show
+    where the arm is, that they differ most where the image varies most, however often it was seen.
     """
+
+    pace = FIXED_TARGET_PACE
 
     def __init__(self, config: CuriosityConfig, action_size: int) -> None:
         super().__init__(config)
-        self.whitening = Whitening()
+        self.whitening = Whitening(IMAGE_SHAPE, least_deviation=1.0)
+        self.feature_whitening = Whitening((FEATURES,), least_deviation=1e-3)
         self.encoder = VisualEncoder(config.width).apply(initialize).requires_grad_(False)
         self.members = nn.ModuleList(
             two_layers(FEATURES + action_size, FEATURES) for _ in range(ENSEMBLE_SIZE)
@@ -270,6 +289,8 @@ class Disagreement(Curiosity):
             self.encode(self.encoder, self.whitening(image))
             for image in (batch.image, batch.next_image)
         )
+        self.feature_whitening.watch(then)
+        now, then = self.feature_whitening(now), self.feature_whitening(then)
         seen = torch.cat((now, batch.action), dim=1)
         predictions = torch.stack([member(seen) for member in self.members])
         variance = predictions.detach().var(dim=0, correction=0)
@@ -285,6 +306,7 @@ class RandomDistillation(Curiosity):
     """
 
     uses_touch = False
+    pace = FIXED_TARGET_PACE
 
     def __init__(self, config: CuriosityConfig, _action_size: int) -> None:
         super().__init__(config)
@@ -303,7 +325,7 @@ class RandomDistillation(Curiosity):
             nn.ReLU(),
         )
         self.head = nn.Linear(DISTILLED, DISTILLED)
-        self.whitening = Whitening()
+        self.whitening = Whitening(IMAGE_SHAPE, least_deviation=1.0)
         self.apply(initialize)
 
     def errors(self, batch: Batch) -> Errors:

@@ -125,6 +125,10 @@ class Learner:
         """Return the settings of the phase under way."""
         return self.config.exploration if self.exploring else self.config.task_phase
 
+    @property
+    def _is_blind(self) -> bool:
+        return "vision" in self.phase.without
+
     def begin_task_phase(self, memory: ReplayMemory) -> None:
         """Learn from the task's reward from now on.
 
@@ -140,7 +144,9 @@ class Learner:
             image, touch = memory.sample_observations(self.rng, size)
             return image.to(self.device), self.scale.scaled(touch.to(self.device))
 
-        self._begin_keypoints(explored=explored).learn(draw, self.phase.keypoint_updates)
+        keypoints = self._begin_keypoints(explored=explored)
+        if not self._is_blind:
+            keypoints.learn(draw, self.phase.keypoint_updates)
         for _ in range(self.phase.fitting_updates):
             self.update(memory, 0, fitting=True)
 
@@ -220,13 +226,21 @@ class Learner:
     def _seen(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
         """Return images, or in a task phase keypoints, and scaled touch as the policy sees them."""
         if self.keypoints is not None:
-            _, felt = self._sensed(image, touch)
-            image = self.keypoints.encode(image, felt)
+            if self._is_blind:
+                image = touch.new_zeros((len(touch), KEYPOINT_FEATURES))
+            else:
+                _, felt = self._sensed(image, touch)
+                image = self.keypoints.encode(image, felt)
         return self._sensed(image, touch)
 
-    def _sensed(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
-        """Return images, or keypoints, and scaled touch with the senses that are left out at 0."""
-        for sense in self.config.without:
+    def _sensed(
+        self, image: Tensor, touch: Tensor, phase: PhaseConfig | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Return images, or keypoints, and scaled touch with the senses that are left out at 0.
+
+        ``phase``: the phase under way, unless another is given.
+        """
+        for sense in (phase or self.phase).without:
             if sense == "vision":
                 image = torch.zeros_like(image)
             else:
@@ -261,7 +275,7 @@ class Learner:
         features, _ = self._seen(image, touch)
         if self.explorer is None:
             return functional.pad(features, (0, 2 * self.sac.action_size))
-        prior = self.explorer.gaussian(*self._sensed(image, touch))
+        prior = self.explorer.gaussian(*self._sensed(image, touch, self.config.exploration))
         return torch.cat((features, prior), dim=1)
 
     def actor(self) -> TouchActor:
@@ -284,7 +298,7 @@ class Learner:
     def _fold_constants(self, actor: TouchActor) -> None:
         """Move what a constant sense adds to the first layer into its bias."""
         weight, bias = actor.first_layer.weight, actor.first_layer.bias
-        if "vision" in self.config.without:
+        if self._is_blind:
             if self.keypoints is None:  # whose coordinates would be 0
                 black = torch.zeros(1, *IMAGE_SHAPE, dtype=torch.uint8)
                 bias.add_(weight[:, :-TOUCH_SIZE] @ actor.encoder(black)[0])
@@ -292,7 +306,7 @@ class Learner:
         if self.keypoints is not None:
             self.keypoints.fold_into(actor)
         for sense, part in SENSED_TOUCH.items():
-            if sense in self.config.without:
+            if sense in self.phase.without:
                 weight[:, -TOUCH_SIZE:][:, part] = 0.0
 
     def state(self) -> dict[str, Any]:

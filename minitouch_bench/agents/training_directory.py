@@ -25,7 +25,6 @@ from minitouch_bench.errors import (
     MissingExtraError,
     RunDirectoryError,
     UsageError,
-    describe,
 )
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.execution import resumable
@@ -39,6 +38,7 @@ from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.runs.plan import Plan, first_of
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.text import describe
 
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
@@ -91,14 +91,12 @@ def run_training(
     config = replace(config, method_digest=digest_method(config.method))
     chosen = choose_device(device)
     keep_freed_memory()
-    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
-    with files.lock_directory(directory), ExitStack() as stack:
-        stack.enter_context(_own_faults(config.method))
-        stack.callback(torch.set_num_threads, threads)
-        torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
-        stack.callback(torch.set_default_dtype, dtype)
-        torch.set_default_dtype(torch.float32)
-        stack.enter_context(torch.inference_mode(False))  # also ends no_grad of the caller
+    with (
+        files.lock_directory(directory),
+        _own_settings(),
+        _own_faults(config.method),
+        ExitStack() as stack,
+    ):
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:
@@ -107,16 +105,12 @@ def run_training(
                 f"random (random_steps = {config.random_steps:,})"
             )
         callbacks.begin(config.steps)
-        environment = MiniTouchEnv(
-            config.task, config.objects or None, max_steps=config.episode_steps or None
-        )
-        stack.callback(environment.close)
-        world = MiniTouchEnv(config.task, None)  # of its evaluations
-        stack.callback(world.close)
-
-        specs = Plan(
-            EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed
-        ).specs()
+        limit = config.episode_steps or None
+        environment = MiniTouchEnv(config.task, config.objects or None, max_steps=limit)
+        world = MiniTouchEnv(config.task)  # of its evaluations
+        for one in (environment, world):
+            stack.callback(one.close)
+        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
 
         def on_row(row: ProgressRow) -> None:
             callbacks.row(row)
@@ -127,7 +121,7 @@ def run_training(
             config,
             environment,
             directory,
-            evaluate=partial(_evaluate, world, specs),
+            evaluate=partial(_evaluate, world, plan.specs()),
             callbacks=replace(callbacks, row=on_row),
             device=chosen,
         )
@@ -161,6 +155,20 @@ def _own_faults(method: str) -> Iterator[None]:
         if isinstance(error, MiniTouchError) or ":" not in method:
             raise
         raise UsageError(f"the method {method} failed: {describe(error)}") from error
+
+
+@contextmanager
+def _own_settings() -> Iterator[None]:
+    """Let torch compute on one thread, in float32 and with gradients, whatever the caller set."""
+    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
+    try:
+        torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
+        torch.set_default_dtype(torch.float32)
+        with torch.inference_mode(False):  # also ends no_grad of the caller
+            yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_default_dtype(dtype)
 
 
 class _Events:

@@ -15,9 +15,9 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.episode import Outcome, PlayedEpisode, Role
-from minitouch_bench.errors import printable
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -108,7 +108,8 @@ timeout_option = partial(isolation_option, metavar="S", min=0.01, max=MAX_TIMEOU
 
 POLICIES = (
     f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
-    "file per task, package.module:attribute, http://..., or hf://USER/REPO/FILE@REVISION"
+    "file per task or a LeRobot checkpoint, package.module:attribute, http://..., or "
+    "hf://USER/REPO/FILE@REVISION"
 )
 
 PolicyArgument = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]

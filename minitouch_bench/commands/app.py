@@ -29,8 +29,8 @@ from minitouch_bench.errors import (
     MiniTouchError,
     RunDirectoryError,
     UsageError,
-    printable,
 )
+from minitouch_bench.text import printable
 
 COMMANDS: dict[Callable[..., None], str] = {
     evaluate: "evaluate my_policy.onnx --suite smoke",

@@ -1,4 +1,4 @@
-"""The command ``compare``: runs of the same episodes, each against the first."""
+"""The command ``compare``: runs of the same episodes, each against the first, or two methods."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,30 +7,64 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.errors import UsageError
 
 
 def compare(
-    runs: options.RunsArgument,
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN", help="Directories of finished runs.")
+    ] = None,
     *,
+    a: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="A run of a training seed of method A; repeat it."),
+    ] = None,
+    b: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="A run of a training seed of method B; repeat it."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR", help="Write comparison.md and comparison.json to this directory."
         ),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Write a page with the tables and maps of starts."),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compare runs episode by episode: differences, intervals, verdicts, changed outcomes.
 
-    Each run is compared with the first one.
+    Each run is compared with the first one; with --a and --b, two methods by their training seeds.
     """
     from minitouch_bench import api
     from minitouch_bench.comparison.comparison import comparison_json, show_comparison
+    from minitouch_bench.comparison.methods import method_blocks, methods_json
+    from minitouch_bench.reporting import tables
 
-    comparison = api.compare(*runs, output=output)
+    if html is not None and html.suffix != ".html":
+        raise UsageError(f"--html is an .html file, not '{html.name}'")
+    if a or b:
+        if runs:
+            raise UsageError("compare takes either RUN... or --a RUN... --b RUN...")
+        if html is not None:
+            raise UsageError("--html is for compare RUN..., which pairs episodes")
+        methods = api.compare_methods(a or [], b or [], output=output)
+        if as_json:
+            print(methods_json(methods), end="")
+        else:
+            tables.show(method_blocks(methods), data_console())
+        if output is not None:
+            note(f"comparison: {output / 'comparison.md'}")
+        return
+    comparison = api.compare(*(runs or ()), output=output, html=html)
     if as_json:
         print(comparison_json(comparison), end="")
     else:
         show_comparison(comparison, data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
+    if html is not None:
+        note(f"page: {html}")

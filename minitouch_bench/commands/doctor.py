@@ -10,16 +10,11 @@ from minitouch_bench.cli.console import data_console, notes
 from minitouch_bench.errors import CHECK_FAILED
 from minitouch_bench.evaluation.engine import AUTO, worker_count
 
-SIGNS = {"ok": "[green]ok[/]", "note": "[cyan]note[/]", "fail": "[red]FAIL[/]"}
-"""What is printed by verdict."""
-
 
 def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> None:
     """Check the installation, the sandbox, and that this machine repeats its own bits."""
-    from rich.table import Table
-    from rich.text import Text
-
     from minitouch_bench.processes import core_count
+    from minitouch_bench.reporting.tables import Table, make_columns, make_row, show
     from minitouch_bench.verification.doctor import Check, CheckResult, examine
 
     count = worker_count(workers) or core_count()
@@ -32,11 +27,10 @@ def doctor(workers: options.Workers = AUTO, as_json: options.AsJson = False) -> 
     if as_json:
         print(json.dumps({"healthy": not failed, "checks": [asdict(c) for c in checks]}, indent=1))
     else:
-        table = Table(show_header=False, box=None, pad_edge=False)
-        for check in checks:
-            table.add_row(SIGNS[check.verdict], check.name, Text(check.text, overflow="fold"))
-        console = data_console()
-        console.print(table)
+        console, columns = data_console(), ("Verdict", "What was found")
+        rows = tuple(make_row(check.name, check.verdict, check.text) for check in checks)
+        made = make_columns(*columns, words=columns)
+        show([Table("This machine", ("Check",), made, rows)], console)
         if failed:
             console.print(f"\nNot to be trusted yet: {', '.join(failed)}", style="bold red")
         else:

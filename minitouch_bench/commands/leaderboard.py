@@ -12,6 +12,7 @@ from minitouch_bench.cli.console import episode_progress, note, print_problems
 from minitouch_bench.cli.options import Command, make_group
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, RESULTS, SUBMISSIONS
+from minitouch_bench.text import printable
 
 app = make_group(help="Check submissions, play their rows, and build the leaderboard.")
 
@@ -35,7 +36,7 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
             print_problems(name, problems)
             bad += 1
             continue
-        print(f"{errors.printable(name)}: sound")
+        print(f"{printable(name)}: sound")
         equal = find_equal(submissions, read_submission(submissions / name))
         for file, other in equal.items():
             print(f"{name}: {file} is also in {other}; the row that is played first keeps its rank")

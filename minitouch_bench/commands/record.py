@@ -1,7 +1,7 @@
-"""The command ``record``: a policy's episodes as a dataset in Minari's format."""
+"""The command ``record``: a policy's episodes as a dataset, in Minari's format or LeRobot's."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -9,7 +9,6 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.machine import require_minari
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import PROTOCOL, PUBLIC_SEED_BITS
 
@@ -29,15 +28,21 @@ def record(
         typer.Option(metavar="N", min=1, max=MAX_EPISODES, help="Number of episodes to record."),
     ] = 100,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the episodes.")] = 0,
+    dataset_format: Annotated[
+        Literal["minari", "lerobot"],
+        typer.Option("--format", metavar="minari|lerobot", help="Whose format it has."),
+    ] = "minari",
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,
 ) -> None:
     """Record a policy's episodes in Minari's format, for train --from-log and other libraries.
 
-    An episode with a fault ends as truncated. The directory appears when the dataset is complete.
+    LeRobot's format lacks the last observation of an episode, the rewarded one: --from-log does
+    not read it. An episode with a fault ends as truncated. The directory appears when the dataset
+    is complete.
     """
-    from minitouch_bench.evaluation.execution import record_episodes
     from minitouch_bench.evaluation.policy_setup import prepare_policies
+    from minitouch_bench.evaluation.recording import WRITERS, record_episodes
     from minitouch_bench.runs.plan import Plan
 
     if seed.bit_length() > PUBLIC_SEED_BITS:  # the episodes' seeds then have 128
@@ -45,10 +50,11 @@ def record(
     isolated = isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
     plan = Plan(RECORDING_SUITE, tasks, episodes, seed, limits=isolated.limits)
-    require_minari()  # before the policy is loaded
+    writer = WRITERS[dataset_format]
+    writer.library()  # before the policy is loaded
     setup = prepare_policies(policy, plan, isolated, note)
     with episode_progress() as callbacks:
-        faults = record_episodes(setup, [*plan.specs()], output, callbacks)
+        faults = record_episodes(setup, [*plan.specs()], output, callbacks, writer)
     print(output)
     if faults:
         note(f"{faults} of {episodes} episodes end with a fault of the policy")

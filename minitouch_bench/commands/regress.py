@@ -18,7 +18,12 @@ from minitouch_bench.policies.policy import SANDBOXED, Isolation, isolation_opti
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from minitouch_bench.comparison.gate import GateResult
+    from minitouch_bench.evaluation.engine import Engine
+    from minitouch_bench.evaluation.policy_setup import PolicySetup
+    from minitouch_bench.runs.run import Run
 
 GITHUB_SUMMARY = "GITHUB_STEP_SUMMARY"
 """The variable in which a GitHub workflow names the file of a step's summary."""
@@ -113,16 +118,8 @@ def regress(
     from minitouch_bench.comparison import gate, gate_report, pairing
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
-    from minitouch_bench.evaluation.execution import (
-        default_directory,
-        header_of,
-        open_run,
-        play_run,
-        resumable,
-    )
     from minitouch_bench.evaluation.policy_setup import prepare_policies
-    from minitouch_bench.reporting.report import write_views
-    from minitouch_bench.runs.run import Run, read_run
+    from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
     allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
@@ -140,18 +137,9 @@ def regress(
         gate.judge_runs(before, before, ("", ""), settings)  # what cannot be judged is not played
         plan = replace(before.plan, limits=isolated.limits)
         setup = prepare_policies(policy, plan, isolated, note)
-        header = header_of(setup)
-        gate.refuse_other_rules(before, header)
-        directory = output or default_directory(header, "-regress")
-        _refuse_same_directory(directory, before.directory)
-        with episode_progress() as callbacks, opening as running, lock_directory(directory):
-            opened = open_run(header, directory, resume=resume, fresh=fresh)
-            if isinstance(opened, Run):
-                _refuse_unknown_code(refuse_edited(opened).header.policy, directory)
-            after = play_run(setup, opened, running, callbacks)
-            with resumable(directory):
-                write_views(after, directory)
-        befores, afters, candidates = [before], [after], [directory]
+        after = _play(setup, before, output, opening, resume=resume, fresh=fresh)
+        assert after.directory is not None
+        befores, afters, candidates = [before], [after], [after.directory]
     paths = [[str(path) for path in of_side] for of_side in (baseline, candidates)]
     result = judge((befores, afters), paths, settings)
     if as_json:
@@ -163,6 +151,38 @@ def regress(
     if summary is not None:
         _append_summary(summary, gate_report.gate_markdown(result))
     _end_as(result)
+
+
+def _play(
+    setup: "PolicySetup",
+    baseline: "Run",
+    output: Path | None,
+    opening: "AbstractContextManager[Engine]",
+    *,
+    resume: bool,
+    fresh: bool,
+) -> "Run":
+    """Play a policy on the baseline's episodes, and keep its run with a report."""
+    from minitouch_bench.comparison.gate import refuse_other_rules
+    from minitouch_bench.evaluation import execution
+    from minitouch_bench.reporting.report import write_views
+    from minitouch_bench.runs.run import Run
+    from minitouch_bench.verification.static_check import refuse_edited
+
+    header = execution.header_of(setup)
+    refuse_other_rules(baseline, header)
+    directory = output or execution.default_directory(header, "-regress")
+    there = baseline.directory
+    if there is not None and directory.is_dir() and directory.samefile(there):
+        raise UsageError(f"{directory} holds the baseline; choose another --output")
+    with episode_progress() as callbacks, opening as engine, lock_directory(directory):
+        opened = execution.open_run(header, directory, resume=resume, fresh=fresh)
+        if isinstance(opened, Run):
+            _refuse_unknown_code(refuse_edited(opened).header.policy, directory)
+        run = execution.play_run(setup, opened, engine, callbacks)
+        with execution.resumable(directory):
+            write_views(run, directory)
+    return run
 
 
 def _end_as(result: "GateResult") -> None:
@@ -179,11 +199,6 @@ def _append_summary(file: Path, text: str) -> None:
         if str(file) != os.environ.get(GITHUB_SUMMARY):
             raise
         note(str(error))  # nobody asked for this file: the decision counts
-
-
-def _refuse_same_directory(directory: Path, baseline: Path | None) -> None:
-    if baseline is not None and directory.is_dir() and directory.samefile(baseline):
-        raise UsageError(f"{directory} holds the baseline; choose another --output")
 
 
 def _refuse_unknown_code(policy: PolicyIdentity, directory: Path) -> None:

@@ -1,14 +1,18 @@
 """The command ``replay``: look at one recorded episode of a run, without its policy."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
-from minitouch_bench.errors import CHECK_FAILED, UsageError, numbered
+from minitouch_bench.errors import CHECK_FAILED, UsageError
 from minitouch_bench.files import REPLAYS, make_folder, view_name
+from minitouch_bench.text import numbered
+
+if TYPE_CHECKING:
+    from minitouch_bench.runs.run import Run
 
 VIEWER = ".html"
 
@@ -22,6 +26,12 @@ def replay(
         ),
     ],
     *,
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", help="Show the same episode of another run on the same time axis."
+        ),
+    ] = None,
     video: Annotated[
         bool,
         typer.Option(
@@ -50,12 +60,17 @@ def replay(
 
     if output is not None and output.suffix != VIEWER:
         raise UsageError(f"--output is an {VIEWER} file, not '{output.name}'")
+    if beside is not None and (video or csv):
+        raise UsageError("--beside writes a page alone: leave --video and --csv out")
     opened = read_run(run)
     static_check.refuse_unplayable(opened)
     spec, row = opened.find(episode)
     if output is None:
         folder = make_folder(view_directory(opened.directory or run) / REPLAYS)
-        output = folder / view_name(episode, VIEWER)
+        output = folder / view_name(episode, f"-beside{VIEWER}" if beside else VIEWER)
+    if beside is not None:
+        _replay_both(opened, read_run(beside), episode, output)
+        return
     suffixes = (VIEWER, *([filming.video_suffix()] if video else ()), *([".csv"] if csv else ()))
     files = [output.with_suffix(suffix) for suffix in suffixes]
     played = filming.film_to_files(opened, (spec, files))
@@ -65,4 +80,19 @@ def replay(
     ending, steps = row.outcome.replace("_", " "), len(played.trace.actions)
     note(f"{episode}: {ending} after {numbered(steps, 'step')}; {bits}")
     if not is_same:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _replay_both(first: "Run", second: "Run", episode: str, output: Path) -> None:
+    from minitouch_bench.reporting.viewer import episode_page
+    from minitouch_bench.verification import filming
+
+    filming.refuse_other_scene(episode, first, second)
+    one, other = (filming.replay_episode(run, episode) for run in (first, second))
+    page = episode_page(one.run, one.film, is_as_recorded=one.is_as_recorded, beside=other)
+    print(page.save(output))
+    for played in (one, other):
+        bits = "the same bits" if played.is_as_recorded else "NOT the bits"
+        note(f"{played.run.place}: {played.ending}; {bits} as recorded")
+    if not (one.is_as_recorded and other.is_as_recorded):
         raise typer.Exit(CHECK_FAILED)

@@ -37,6 +37,12 @@ def report(
         str | None,
         typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
     ] = None,
+    diagnostics: Annotated[
+        bool,
+        typer.Option(
+            "--diagnostics", help="Also print what explains Table 4: contact, force, time, endings."
+        ),
+    ] = False,
     table_format: Annotated[
         Literal["md", "latex", "csv", "json"] | None,
         typer.Option(
@@ -45,13 +51,26 @@ def report(
             help="Print Table 4 in this format, and write no page.",
         ),
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also draw the runs' intervals, grouped by task: .svg, .pdf or .png.",
+        ),
+    ] = None,
+    no_paper: Annotated[
+        bool, typer.Option("--no-paper", help="Leave out the paper's values.")
+    ] = False,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
+    from minitouch_bench.reporting import paper_figure
     from minitouch_bench.reporting import report as reporting
     from minitouch_bench.runs.run import read_run
 
     if table_format is not None and output is not None:
         raise UsageError("--format prints Table 4 and writes no page: leave --output out")
+    if figure is not None:
+        paper_figure.figure_suffix(figure)
     opened = [read_run(run) for run in runs]
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
@@ -69,12 +88,16 @@ def report(
         tasks=words(tasks),
         metrics=words(metrics),
         directory=directory,
+        with_paper=not no_paper,
     )
+    if figure is not None:
+        paper_figure.write_figure(shown, shown.metrics if metrics else (), figure)
+        note(f"figure: {figure}")
     if table_format is not None:
         print(reporting.TABLE_FORMATS[table_format](shown), end="")
         return
     reporting.write_page(shown, directory)
-    reporting.show_report(shown, data_console())
+    reporting.show_report(shown, data_console(), diagnostics=diagnostics)
     note(f"report: {directory / 'report.html'}")
 
 

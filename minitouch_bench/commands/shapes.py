@@ -7,7 +7,8 @@ import typer
 
 from minitouch_bench.cli.console import count_progress, note
 from minitouch_bench.cli.options import Command, make_group
-from minitouch_bench.errors import UsageError, numbered, printable
+from minitouch_bench.errors import UsageError
+from minitouch_bench.text import numbered, printable
 
 app = make_group(help="Make, check, view and exchange sets of shapes.")
 

@@ -1,6 +1,5 @@
 """The command ``submit``: pack policies as a submission."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -121,7 +120,7 @@ def submit(
     told |= {"name": name, "suites": words(suites), "authors": words(authors)}
     told |= {"paper": paper, "code": code, "license": license_, "notes": notes}
     told["trainings"] = [one.training for one in trainings]
-    submission = replace(take_table(told, Submission))  # which writes the defaults out, too
+    submission = take_table(told, Submission)
     with episode_progress() as callbacks, open_engine("local", workers) as engine:
         place = packing.pack_submission(
             submission, trainings, directory, engine, callbacks, isolation=isolated

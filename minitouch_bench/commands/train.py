@@ -46,6 +46,13 @@ def train(
             help=f"Senses that the policy learns without: {', '.join(SENSES)}. Curiosity has them.",
         ),
     ] = None,
+    task_without: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="The same for the task phase alone: the exploration policy keeps these senses.",
+        ),
+    ] = None,
     from_log: Annotated[
         Path | None,
         typer.Option(
@@ -93,6 +100,7 @@ def train(
         task_steps=task_steps,
         objects=objects,
         without=without,
+        task_without=task_without,
         from_log=from_log,
         preset=preset,
         config=config,

@@ -14,10 +14,13 @@ from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
-from minitouch_bench.policies.policy import Isolation, isolation_options
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, isolation_options
+from minitouch_bench.text import numbered, printable
 
 if TYPE_CHECKING:
     from minitouch_bench.episode import PolicyIdentity
+    from minitouch_bench.evaluation.policy_setup import PolicySetup
+    from minitouch_bench.runs.run import Run
     from minitouch_bench.verification.replay_check import Findings
 
 SHOWN_PROBLEMS = 10
@@ -64,21 +67,8 @@ def verify(
     isolated = isolation_options(isolation, trust)
     opened = read_run(run)
     found = replay_check.Findings(check_run(opened))
-    setup = None
-    if rerun and found.passed:
-        if exploration is not None and opened.header.exploration is None:
-            raise errors.UsageError(
-                f"--exploration: {run} has no exploration episodes; leave it out"
-            )
-        if IN_MEMORY in {one.kind for one in opened.header.policies()}:
-            raise errors.IncompleteCheckError(
-                "a policy of the run was an object in memory, which cannot be loaded again.\n"
-                "Leave out --rerun, or evaluate the policy from a file"
-            )
-        policy = policy or _source_of(opened.header.policy, "--policy")
-        exploration = exploration or _source_of(opened.header.exploration, "--exploration")
-        setup = replay_check.prepare_rerun(opened, policy, exploration, isolated, note)
     if found.passed:
+        setup = _prepare_rerun(opened, policy, exploration, isolated) if rerun else None
         opened.plan.load_objects()  # or refuse before any progress is shown
         for spec in opened.header.specs():
             opened.actions_of(spec.key)
@@ -99,6 +89,27 @@ def verify(
         _show(found, run)
     if not found.passed:
         raise typer.Exit(errors.CHECK_FAILED)
+
+
+def _prepare_rerun(
+    run: "Run", policy: str | None, exploration: str | None, isolation: IsolationOptions
+) -> "PolicySetup":
+    """Load the policies of a run again, from where they are now or were."""
+    from minitouch_bench.verification import replay_check
+
+    header = run.header
+    if exploration is not None and header.exploration is None:
+        raise errors.UsageError(
+            f"--exploration: {run.place} has no exploration episodes; leave it out"
+        )
+    if IN_MEMORY in {one.kind for one in header.policies()}:
+        raise errors.IncompleteCheckError(
+            "a policy of the run was an object in memory, which cannot be loaded again.\n"
+            "Leave out --rerun, or evaluate the policy from a file"
+        )
+    policy = policy or _source_of(header.policy, "--policy")
+    exploration = exploration or _source_of(header.exploration, "--exploration")
+    return replay_check.prepare_rerun(run, policy, exploration, isolation, note)
 
 
 def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
@@ -136,17 +147,13 @@ def _show(found: "Findings", run: Path) -> None:
     if len(found.problems) > SHOWN_PROBLEMS:
         lines.append(f"... and {len(found.problems) - SHOWN_PROBLEMS} more")
     if found.replayed:
-        lines.append(
-            f"{errors.numbered(found.replayed, 'episode')} replayed from their recorded actions"
-        )
+        lines.append(f"{numbered(found.replayed, 'episode')} replayed from their recorded actions")
     if found.reran:
-        lines.append(f"{errors.numbered(found.reran, 'episode')} run again with the checkpoint")
+        lines.append(f"{numbered(found.reran, 'episode')} run again with the checkpoint")
     answer, style = f"{run} is not verified", "bold red"
     if found.passed:
         answer = f"{run} is verified: every number follows from its episodes"
         style = "bold green"
     console = data_console()
     for line, look in (*((line, "") for line in lines), (answer, style)):
-        console.print(
-            errors.printable(line), style=look, markup=False, highlight=False, soft_wrap=True
-        )
+        console.print(printable(line), style=look, markup=False, highlight=False, soft_wrap=True)

@@ -6,22 +6,23 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from minitouch_bench.comparison import gate_report, pairing
+from minitouch_bench.comparison import effect_tables, pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-COMPARISON_VERSION = 3
+COMPARISON_VERSION = 4
 """Of the JSON document."""
 
 
@@ -84,10 +85,10 @@ class Comparison:
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
-        return tables.as_text(comparison_blocks(self, gate_report.SHOWN_CHANGES))
+        return tables.as_text(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
 
     def _repr_html_(self) -> str:
-        return tables.as_html(comparison_blocks(self, gate_report.SHOWN_CHANGES))
+        return tables.as_html(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -103,7 +104,7 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    shared = [pairing.share_roles(_shared_parts(runs[0], other)) for other in runs[1:]]
+    shared = [pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:]]
     paired = [pairing.pair_runs(*both) for both in shared]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
     tested = [
@@ -141,26 +142,30 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
     )
 
 
-def _shared_parts(first: Run, second: Run) -> tuple[Run, Run]:
-    """Return two runs without the tasks that only one of them has.
+def shared_tasks(runs: Sequence[Run]) -> list[Run]:
+    """Return runs without the tasks that not all of them have.
 
     Raises:
         UsageError: they have no task in common.
     """
-    tasks = [task for task in first.tasks if task in second.tasks]
+    tasks = [task for task in runs[0].tasks if all(task in run.tasks for run in runs)]
     if not tasks:
-        of_each = " and ".join(
-            f"'{run.place}' of {', '.join(run.tasks)}" for run in (first, second)
-        )
+        of_each = " and ".join(f"'{run.place}' of {', '.join(run.tasks)}" for run in runs)
         raise UsageError(f"no task to compare: {printable(of_each)}")
     shared = []
-    for run in (first, second):
+    for run in runs:
         rows, exploration = (
             tuple(row for row in part if row.task in tasks)
             for part in (run.rows, run.exploration_rows)
         )
         shared.append(replace(run, rows=rows, exploration_rows=exploration))
-    return shared[0], shared[1]
+    return shared
+
+
+def paired_with_first(runs: Sequence[Run]) -> list[pairing.Pairs]:
+    """Return the pairs of episodes of each run and the first."""
+    shared = (pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:])
+    return [pairing.pair_runs(*both) for both in shared]
 
 
 def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
@@ -187,14 +192,14 @@ def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) 
 
 def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.Block]:
     """Yield a whole comparison, with so many changed episodes of each pair."""
-    yield from map(gate_report.run_line, comparison.runs)
+    yield from map(effect_tables.run_line, comparison.runs)
     for pair in comparison.pairs:
         yield tables.Heading(f"{pair.second} against {pair.first}")
         if pair.identical:
             yield "The run digests are equal: every episode is the same to the last bit."
-        yield from (f"{gate_report.NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from (f"{effect_tables.NOT_ALIKE}: {note}." for note in pair.notes)
         yield from comparison_tables(pair)
-        yield from gate_report.changes_blocks(pair.changes, (pair.first, pair.second), changes)
+        yield from effect_tables.changes_blocks(pair.changes, (pair.first, pair.second), changes)
     yield ""
     yield from map(tables.NoteBlock, comparison_notes())
 
@@ -208,14 +213,14 @@ def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     cells = [
         (
             compared.effect,
-            gate_report.p_text(compared.effect.p_value),
-            gate_report.p_text(compared.p_adjusted),
+            effect_tables.p_text(compared.effect.p_value),
+            effect_tables.p_text(compared.p_adjusted),
             compared.verdict,
             f"{compared.episodes_to_resolve:,}" if compared.episodes_to_resolve else None,
         )
         for compared in pair.metrics
     ]
-    return tuple(gate_report.tables_by_metric(columns, cells))
+    return tuple(effect_tables.tables_by_metric(columns, cells))
 
 
 def comparison_notes() -> tuple[str, ...]:
@@ -240,7 +245,7 @@ def comparison_notes() -> tuple[str, ...]:
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print a comparison."""
-    tables.show(comparison_blocks(comparison, gate_report.SHOWN_CHANGES), console)
+    tables.show(comparison_blocks(comparison, effect_tables.SHOWN_CHANGES), console)
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -251,6 +256,6 @@ def comparison_markdown(comparison: Comparison) -> str:
 
 def comparison_json(comparison: Comparison) -> str:
     """Write a comparison; the keys are the fields of ``Comparison``."""
-    return gate_report.json_text(
+    return effect_tables.json_text(
         {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
     )

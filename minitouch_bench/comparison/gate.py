@@ -23,7 +23,7 @@ from minitouch_bench.comparison.pairing import (
     Pairs,
 )
 from minitouch_bench.episode import Outcome, Role, role_of, task_of
-from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError, printable
+from minitouch_bench.errors import CHECK_FAILED, IncompleteCheckError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
@@ -33,6 +33,7 @@ from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
 from minitouch_bench.reporting.report import view_directory
 from minitouch_bench.runs.run import Run, RunHeader
+from minitouch_bench.text import printable
 
 SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
 """The levels that a gate can have. A test at a smaller level finds nothing: with a level of 1e-9
@@ -134,7 +135,8 @@ class Endpoint:
     """What decides: the mean of one metric over its tasks.
 
     ``p_value``: one-sided, of a candidate that is no worse. ``tolerance`` is in the metric's unit.
-    ``episodes_needed``: per task, to settle it, None for none or too many.
+    ``episodes_needed``: per task, to settle it, None for none or too many; ``seeds_needed``: the
+    same of training seeds on each side.
     """
 
     effect: Effect
@@ -143,6 +145,7 @@ class Endpoint:
     tolerance: float
     decision: Decision
     episodes_needed: int | None = None
+    seeds_needed: int | None = None
 
     @property
     def is_beyond(self) -> bool:
@@ -384,7 +387,7 @@ def _next_command(
     """
     role = METRICS[endpoint.effect.metric].role
     replays = [
-        change.replays[1]
+        change.replay
         for change in changes
         if change.first is Outcome.SUCCESS
         and role_of(change.episode) is role

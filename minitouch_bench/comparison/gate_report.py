@@ -1,102 +1,38 @@
-"""What a comparison and a gate's result look like: tables, JSON, Markdown and JUnit."""
+"""What the result of ``regress`` looks like: tables, JSON, Markdown and JUnit."""
 
-import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
 from xml.etree import ElementTree
 
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.gate import Decision, GateResult
-from minitouch_bench.comparison.pairing import COMPARED_METRICS, ComparedRun, Effect, OutcomeChange
-from minitouch_bench.errors import IncompleteCheckError, numbered, printable
+from minitouch_bench.comparison.effect_tables import (
+    NOT_ALIKE,
+    SHOWN_CHANGES,
+    changes_blocks,
+    difference_text,
+    effect_head,
+    effect_row,
+    json_text,
+    p_text,
+    run_line,
+    tables_by_metric,
+)
+from minitouch_bench.comparison.gate import Decision, GateResult, TrainingValue
+from minitouch_bench.comparison.pairing import Effect
+from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.metrics.statistics import MAX_SEEDS
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import (
     counted,
-    difference_cell,
     format_value,
     listed,
-    metric_head,
     task_title,
 )
-from minitouch_bench.reporting.report_tables import OUTCOME_TITLES
-
-SMALLEST_P = 0.0001
-"""A p-value below is written as such: the bootstrap draws no finer ones."""
-
-NOT_ALIKE = "The runs also differ beside the policies"
-
-SHOWN_CHANGES = 20
-"""Changed episodes that a screen lists; the JSON has all of them."""
-
-
-def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
-    """Lay out a task's values in both runs, their difference, and what follows."""
-    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
-    difference = difference_cell(effect.metric, effect.difference)
-    return tables.make_row(task_title(effect.task), *values, difference, *cells)
-
-
-def tables_by_metric(
-    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, *tuple[str | None, ...]]]
-) -> Iterator[tables.Table]:
-    """Yield a table for each metric, in the metrics' order; a row is of an effect and cells."""
-    heads = {effect_head(effect): effect.metric for effect, *_ in rows}
-    for head in sorted(heads, key=lambda head: COMPARED_METRICS.index(heads[head])):
-        of_head = tuple(effect_row(*row) for row in rows if effect_head(row[0]) == head)
-        yield tables.Table(head, ("Task",), columns, of_head)
-
-
-def changes_blocks(
-    changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
-) -> Iterator[tables.Block]:
-    """Lay out the episodes that ended in another way, with the command that replays each."""
-    if not changes:
-        return
-    columns = (
-        *tables.make_columns(*titles, words=titles),
-        tables.Column(f"Replay of {titles[1]}", is_text=True, is_code=True),
-    )
-    rows = tuple(
-        tables.make_row(
-            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replays[1]
-        )
-        for one in changes[:most]
-    )
-    yield ""
-    yield tables.Table("Episodes that ended in another way", ("Episode",), columns, rows)
-    if (more := len(changes) - most) > 0:
-        yield from ("", f"and {more} more; --json has all of them")
-
-
-def difference_text(effect: Effect) -> str:
-    """Write a difference with its sign and its 95 % interval."""
-    return str(difference_cell(effect.metric, effect.difference))
-
-
-def p_text(p_value: float) -> str:
-    """Write a p-value."""
-    return f"<{SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"{p_value:.4f}"
-
-
-def effect_head(effect: Effect) -> str:
-    """Name the metric of an effect with its better direction in the task, and its unit."""
-    return f"{metric_head(effect.metric, effect.task)} ({effect.unit})"
-
-
-def run_line(run: ComparedRun) -> str:
-    """Say which run a title stands for, and what must be known of it."""
-    labels = f" ({'; '.join(run.labels)})" if run.labels else ""
-    return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
-
-
-def json_text(document: dict[str, Any]) -> str:
-    """Write a JSON document; NaN and infinity are refused."""
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
+from minitouch_bench.text import numbered, printable
 
 SUMMARY_CHANGES = 50
 """Changed episodes that a result's page lists; the JSON has all of them."""
@@ -107,7 +43,7 @@ DECISION_STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "b
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 5
+RESULT_VERSION = 6
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"
@@ -217,12 +153,20 @@ def endpoint_table(result: GateResult) -> tables.Table:
     return tables.Table(title, ("Task",), columns, (row,))
 
 
-def trainings_table(result: GateResult) -> tables.Table:
-    """Lay out the endpoint in the run of each training seed."""
-    effect = result.endpoint.effect
+def seeds_in_words(number: int | None, trainings: Sequence[TrainingValue]) -> str:
+    """Say how many training seeds of each side there should be, and how many more that is."""
+    if number is None:
+        return f"more than {MAX_SEEDS:,} training seeds on each side"
+    there = Counter(one.side for one in trainings)
+    more = " and ".join(f"{max(0, number - count)}" for count in dict.fromkeys(there.values()))
+    return f"about {number} training seeds on each side, {more} more,"
+
+
+def trainings_table(trainings: Sequence[TrainingValue], effect: Effect) -> tables.Table:
+    """Lay out an effect's metric in the run of each training seed."""
     rows = tuple(
         tables.make_row(printable(one.path), one.side, format_value(effect.metric, one.value))
-        for one in result.trainings
+        for one in trainings
     )
     columns = tables.make_columns("Side", f"{task_title(effect.task)} {effect.metric}")
     return tables.Table("Training seeds", ("Run",), columns, rows)
@@ -259,7 +203,7 @@ def _reason(result: GateResult) -> str:
     if endpoint.decision is Decision.NO_REGRESSION:
         return f"{change}, a worsening beyond the tolerance is excluded"
     if endpoint.decision is Decision.NOT_ENOUGH_SEEDS:
-        return f"{seen}; train more seeds"
+        return f"{seen}; {seeds_in_words(endpoint.seeds_needed, result.trainings)} would settle it"
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
@@ -295,7 +239,7 @@ def result_blocks(result: GateResult) -> Iterator[tables.Block]:
     yield from map(run_line, (result.baseline, result.candidate))
     yield ""
     if result.trainings:
-        yield trainings_table(result)
+        yield trainings_table(result.trainings, result.endpoint.effect)
     yield endpoint_table(result)
     yield from task_tables(result)
     yield ""

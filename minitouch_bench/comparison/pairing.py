@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode, Outcome, episode_key, role_of
-from minitouch_bench.errors import UsageError, plain_line, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.metrics.definitions import DOWN, METRICS, UP, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
@@ -21,6 +21,7 @@ from minitouch_bench.metrics.statistics import ALPHA
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import NAMED, Run, run_digest
+from minitouch_bench.text import plain_line, printable
 
 COMPARED_METRICS = metrics_shown_in(ShownIn.TABLE4)
 """What two runs are compared in."""
@@ -296,13 +297,13 @@ class ComparedRun:
 class OutcomeChange:
     """An episode that ended in another way.
 
-    ``replays``: the commands that replay it in each run, "" where the run has no actions.
+    ``replay``: see ``replay_command``.
     """
 
     episode: str
     first: Outcome
     second: Outcome
-    replays: tuple[str, str]
+    replay: str
 
 
 def find_changes(
@@ -310,28 +311,29 @@ def find_changes(
 ) -> tuple[OutcomeChange, ...]:
     """Return the episodes whose outcome is another in the second run."""
     return tuple(
-        OutcomeChange(
-            key,
-            first.outcome,
-            second.outcome,
-            (replay_command(runs[0], paths[0], key), replay_command(runs[1], paths[1], key)),
-        )
+        OutcomeChange(key, first.outcome, second.outcome, replay_command(runs, paths, key))
         for key, (first, second) in pairs.items()
         if first.outcome is not second.outcome
     )
 
 
-def replay_command(run: Run, path: str, episode: str) -> str:
-    """Return the command line that shows one episode of a run, "" where it cannot be replayed.
+def replay_command(runs: tuple[Run, Run], paths: tuple[str, str], episode: str) -> str:
+    """Return the command line that shows one episode of the second run, beside the first's.
 
-    A run that is kept in memory, or as ``run.json`` alone, has no actions. A path of unprintable
-    characters is not printed as it is.
+    It is "" where the second cannot be replayed: a run that is kept in memory, or as ``run.json``
+    alone, has no actions. A path of unprintable characters is not printed as it is.
     """
+    first, second = map(_replayable, runs, paths)
+    words = ["minitouch-bench", "replay", first or second, episode]
+    return shlex.join([*words, *(["--beside", second] if first else [])]) if second else ""
+
+
+def _replayable(run: Run, path: str) -> str:
+    """Return a run's path as a command takes it, "" where it has no actions."""
     has_actions = run.directory is not None and (run.directory / ACTIONS_FILE).is_file()
     if not has_actions or printable(path) != path:
         return ""
-    place = f"./{path}" if path.startswith("-") else path
-    return shlex.join(["minitouch-bench", "replay", place, episode])
+    return f"./{path}" if path.startswith("-") else path
 
 
 def differences_of_making(first: Run, second: Run) -> Iterator[str]:

@@ -2,16 +2,22 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
-from minitouch_bench.errors import InfrastructureError, UsageError
-from minitouch_bench.processes import core_count
+from minitouch_bench.errors import (
+    CheckpointChangedError,
+    InfrastructureError,
+    OutOfMemoryError,
+    UsageError,
+)
+from minitouch_bench.processes import core_count, run_in_workers
 
 if TYPE_CHECKING:
-    from minitouch_bench.evaluation.rollout import PolicyMaker
+    from minitouch_bench.evaluation.rollout import EpisodeRunner, PolicyMaker
 
 
 class Engine(Protocol):
@@ -81,6 +87,43 @@ Note = Callable[[str], None]
 """Takes one line for the user."""
 
 
+class LocalEngine:
+    """Runs each episode in one of ``workers`` processes."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def run(self, source: "PolicyMaker", specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
+        """Yield records as episodes end; a worker that dies is replaced, its episode retried.
+
+        Raises:
+            InfrastructureError: an episode failed three times for no fault of the policy.
+        """
+        from minitouch_bench.evaluation.rollout import EpisodeRunner  # noqa: PLC0415  the simulator
+
+        records = run_in_workers(
+            partial(_run_episode, EpisodeRunner(source)),
+            specs,
+            self.workers,
+            name=lambda spec: f"episode {spec.key}",
+        )
+        with closing(records):
+            for _, record in records:
+                yield record
+
+
+def _run_episode(runner: "EpisodeRunner", spec: EpisodeSpec) -> PlayedEpisode:
+    """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
+    try:
+        return runner.run(spec)
+    except OutOfMemoryError as error:
+        raise OutOfMemoryError(f"episode {spec.key}: {error}") from error
+    except (CheckpointChangedError, InfrastructureError):
+        raise
+    except Exception as error:
+        raise InfrastructureError(f"{type(error).__name__}: {error}") from error
+
+
 def open_engine(
     name: str = "local", workers: int | str | None = AUTO, address: str | None = None
 ) -> AbstractContextManager[Engine]:
@@ -102,8 +145,6 @@ def open_engine(
         return open_ray(count, address)
     if address is not None:
         raise UsageError("--address is for another engine: add --engine ray")
-    from minitouch_bench.evaluation.rollout import LocalEngine  # noqa: PLC0415  the simulator
-
     return nullcontext(LocalEngine(count or core_count()))
 
 

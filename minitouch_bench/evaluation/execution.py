@@ -3,30 +3,24 @@
 import contextlib
 import hashlib
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from minitouch_bench import errors, files
-from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode
+from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.machine import installed_versions, machine_facts, require, require_minari
+from minitouch_bench.machine import RunEnvironment, installed_versions, machine_facts
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same, read_header
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import (
     Run,
-    RunEnvironment,
     RunHeader,
     make_header,
     make_run,
@@ -34,13 +28,12 @@ from minitouch_bench.runs.run import (
     run_json,
 )
 from minitouch_bench.simulation.builds import BUILDS
-from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
-"""What a run's numbers may depend on; those that are installed stand in ``run.json``."""
+"""What a run's numbers may depend on; ``run.json`` has the versions of those installed."""
 
 HOPELESS_AFTER = 10
-"""A run whose first episodes, this many, are all policy faults ends there."""
+"""A run ends after so many episodes if all of them are policy faults."""
 
 LONGEST_NAME = 80
 """Characters of a policy in a run's name, and of what differs from its suite."""
@@ -66,8 +59,8 @@ def run_name(header: RunHeader) -> str:
 def default_directory(header: RunHeader, ending: str = "") -> Path:
     """Return the directory of a run without ``--output``, which has its name and ``ending``.
 
-    Where the run of a policy of another format has it already, as of x.onnx beside x.pt2, the name
-    has the format, too.
+    If a run of the same policy in another format has this directory, such as that of x.onnx beside
+    x.pt2, the name has the format, too.
     """
     usual = files.REPORTS / f"{run_name(header)}{ending}"
     with contextlib.suppress(errors.RunDirectoryError):
@@ -85,7 +78,7 @@ def _file_name(text: str) -> str:
 def open_run(
     header: RunHeader, directory: Path | None = None, *, resume: bool = False, fresh: bool = False
 ) -> Journal | Run:
-    """Begin a run in a locked directory, or read what is done; a finished run is returned itself.
+    """Begin a run in a locked directory, or read what is done; a finished run is returned as it is.
 
     Without a directory the run is kept in memory only.
 
@@ -127,7 +120,7 @@ def open_run(
 
 
 def _check_empty(directory: Path) -> None:
-    """Refuse a directory of other files: one of them could be called as one of a run is."""
+    """Refuse a directory with other files, which could have the names of a run's files."""
     if entries := files.entries_of(directory):
         first = first_of([ascii(name) for name in entries], 1)
         raise errors.RunDirectoryError(
@@ -239,96 +232,3 @@ def resumable(directory: Path | None) -> Iterator[None]:
         raise errors.InfrastructureError(f"{error}\n{advice}") from error
     except KeyboardInterrupt as error:
         raise errors.InterruptedRunError(f"interrupted\n{advice}") from error
-
-
-# A dataset
-
-
-def record_episodes(
-    setup: PolicySetup, specs: list[EpisodeSpec], directory: Path, callbacks: Callbacks
-) -> int:
-    """Record a policy's episodes of one task; the directory appears when the dataset is complete.
-
-    Returns how many episodes end with a fault of the policy; such an episode is truncated.
-
-    Raises:
-        MissingExtraError: Minari is not installed.
-        RunDirectoryError: the directory is there already, or cannot be written.
-    """
-    minari = require_minari()
-    storages = require("minari.dataset.minari_storage", "data")
-    task = specs[0].task
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", setup.policy.name).strip("-") or "policy"
-    faults = 0
-    with (
-        _new_directory(directory) as folder,
-        contextlib.closing(MiniTouchEnv(task)) as environment,
-        contextlib.closing(EpisodeRunner(setup)) as runner,
-    ):
-        storage = storages.MinariStorage.new(
-            folder,
-            environment.observation_space,
-            environment.action_space,
-            jpeg_encoding=False,  # pictures as they are
-        )
-        callbacks.phase("recording", len(specs))
-        for spec in specs:
-            played = runner.run(spec)
-            if len(played.trace.actions):  # none where the policy failed at the reset
-                storage.update_episodes([_episode(environment, played)])
-            callbacks.episode(played)
-            faults += played.outcome is Outcome.POLICY_FAULT
-        storage.update_metadata(
-            {
-                "dataset_id": f"minitouch/{task}/{name}-v0",
-                "minari_version": minari.__version__,
-                "algorithm_name": setup.policy.name,
-            }
-        )
-    return faults
-
-
-@contextlib.contextmanager
-def _new_directory(directory: Path) -> Iterator[Path]:
-    """Give a path beside a new directory; what is written there becomes it when the block ends.
-
-    What a killed process left there is removed.
-    """
-    if directory.exists():
-        raise errors.RunDirectoryError(f"{directory} is there already; choose another --output")
-    directory = directory.absolute()  # Minari joins a relative path to itself
-    folder = directory.with_name(f".{directory.name}.unfinished")
-    unfinished = folder / directory.name
-    try:
-        with (
-            files.os_errors_as(errors.RunDirectoryError, directory, "written"),
-            files.lock_directory(folder),
-            contextlib.ExitStack() as stack,
-        ):
-            shutil.rmtree(unfinished, ignore_errors=True)
-            stack.callback(shutil.rmtree, unfinished, ignore_errors=True)
-            yield unfinished
-            unfinished.rename(directory)
-    finally:
-        with contextlib.suppress(OSError):  # another process works there
-            folder.rmdir()
-
-
-def _episode(environment: MiniTouchEnv, played: PlayedEpisode) -> Any:
-    """Return an episode with its pictures: its actions done again give the same bits."""
-    buffers = require("minari.data_collector.episode_buffer", "data")
-    spec, trace = played.spec, played.trace
-    images = [environment.reset(seed=spec.seed, options={OBJECT: spec.shape})[0]["image"]]
-    images += [environment.step(action)[0]["image"] for action in trace.actions]
-    last = np.arange(len(trace.actions)) == len(trace.actions) - 1
-    terminated = last & (played.outcome in (Outcome.SUCCESS, Outcome.LEFT_WORKSPACE))
-    success = last & (played.outcome is Outcome.SUCCESS)
-    return buffers.EpisodeBuffer(
-        seed=spec.seed,
-        observations={"image": np.stack(images), "touch": trace.touch},
-        actions=trace.actions,
-        rewards=trace.rewards.tolist(),
-        terminations=terminated.tolist(),
-        truncations=(last & ~terminated).tolist(),
-        infos={"is_success": np.concatenate(([False], success))},
-    )

@@ -1,6 +1,9 @@
 """What plays a run: its policies, found and tried before any episode, or its recorded actions."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import contextlib
+import random
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,25 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import EpisodeSpec, Observation, Role
-from minitouch_bench.errors import PolicyFaultError, UsageError, printable
+from minitouch_bench.errors import (
+    PolicyFaultError,
+    PolicyLoadError,
+    ServerUnreachableError,
+    UsageError,
+)
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
     SANDBOXED,
+    TO_REMEMBER,
     Isolation,
     IsolationOptions,
     Policy,
     PolicySource,
+    zero_observation,
 )
-from minitouch_bench.policies.policy_process import effective_level, isolate, try_policy
+from minitouch_bench.policies.policy_process import effective_level, isolate
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.policies.sources import parse_source, trained_task
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 END_OF_RECORDING = "the recorded actions end before the episode does"
 """The fault of a replayed episode that its policy broke off."""
@@ -184,3 +195,60 @@ def _find_policy(
     for warning in try_policy(source, tasks, isolation):
         note(warning)
     return source
+
+
+def try_policy(
+    source: PolicySource, tasks: Sequence[str], options: IsolationOptions = SANDBOXED
+) -> tuple[str, ...]:
+    """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
+
+    One that serves several tasks is tried in that of the largest forces: a model of smaller ones
+    is refused there.
+
+    Returns:
+        What loaders warn of, one line each.
+
+    Raises:
+        PolicyLoadError: it cannot be loaded or reset.
+        IsolationError: this machine cannot isolate it as asked.
+        MissingExtraError: an optional package is not installed.
+        InfrastructureError: its process or its host was killed.
+    """
+    if source.kind == "scripted":
+        return ()
+    warnings, felt = [], zero_observation()
+    felt["touch"] = np.ones_like(felt["touch"])
+    hardest = max(tasks, key=lambda task: PROTOCOL.task(task).force_limit)
+    with kept_generators(), contextlib.closing(isolate(source, options)) as tried:
+        for task in tasks if source.parts else [hardest]:
+            try:
+                tried.reset(0, task)
+            except PolicyFaultError as fault:
+                raise PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
+            except ServerUnreachableError as error:
+                raise PolicyLoadError(str(error)) from error
+            with contextlib.suppress(PolicyFaultError):
+                tried.act(zero_observation())
+                remembers = TO_REMEMBER in tried.warning and not np.array_equal(
+                    tried.act(felt), tried.act(felt)
+                )
+                if tried.warning and not remembers:
+                    warnings.append(f"{tried.target}: {tried.warning}")
+    return tuple(warnings)
+
+
+@contextlib.contextmanager
+def kept_generators() -> Iterator[None]:
+    """Leave the caller's generators and number of threads as they are: it may be a training."""
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002 - what a policy may use
+    torch = sys.modules.get("torch")
+    threads = torch.get_num_threads() if torch else 0
+    devices = range(torch.cuda.device_count()) if torch and torch.cuda.is_initialized() else ()
+    with torch.random.fork_rng(devices) if torch else contextlib.nullcontext():
+        try:
+            yield
+        finally:
+            random.setstate(states[0])
+            np.random.set_state(states[1])  # noqa: NPY002
+            if torch:
+                torch.set_num_threads(threads)

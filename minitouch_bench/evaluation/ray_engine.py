@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from minitouch_bench.episode import IN_MEMORY, EpisodeSpec, PlayedEpisode
-from minitouch_bench.errors import InfrastructureError, OutOfMemoryError, UsageError, plain_line
+from minitouch_bench.errors import InfrastructureError, OutOfMemoryError, UsageError
 from minitouch_bench.evaluation.engine import Engine
 from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.policy_setup import PolicySetup
@@ -28,6 +28,7 @@ from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.processes import ARITHMETIC, MAX_ATTEMPTS, core_count, interrupts_held
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.text import plain_line
 
 ANSWER_S = 20.0
 """Time for Ray's own check of an address, in s; it must import Ray."""

@@ -1,10 +1,9 @@
 """One episode: the only place where a policy and a simulated world meet."""
 
-import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,9 +11,8 @@ from numpy.typing import NDArray
 
 from minitouch_bench import errors
 from minitouch_bench.episode import EpisodeSpec, Observation, Outcome, PlayedEpisode, Role, Trace
-from minitouch_bench.perturbation import Perturbation
+from minitouch_bench.perturbation import AS_USUAL, DrawnConditions, Perturbation
 from minitouch_bench.policies.policy import Policy, close_policy
-from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.minitouch import senses_generator
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.simulation.observation import FORCES, SENSED_TOUCH
@@ -70,7 +68,7 @@ class EpisodeRunner:
         if task not in self._worlds:
             plan = self._source.plan
             self._worlds[task] = MiniTouchEnv(
-                task, plan.load_objects(), perturbation=plan.conditions
+                task, plan.load_objects(), perturbation=plan.conditions_in_light()
             )
         return self._worlds[task]
 
@@ -83,28 +81,44 @@ class EpisodeRunner:
 
 
 class AlteredSenses:
-    """What a policy senses in one episode, with senses frozen and noise added.
+    """What a policy senses in one episode: in other light, with noise, late, with senses frozen.
 
-    Forces stay within ``force_limit`` (N), as the observation space promises.
+    Forces stay within ``force_limit`` (N), as the observation space promises. ``drawn``: what the
+    episode has of the perturbation. Until the first observation has its delay, it is given again.
     """
 
-    def __init__(self, perturbation: Perturbation, seed: int, force_limit: float) -> None:
+    def __init__(
+        self,
+        perturbation: Perturbation,
+        seed: int,
+        force_limit: float,
+        drawn: DrawnConditions = AS_USUAL,
+    ) -> None:
         self._perturbation = perturbation
         self._force_limit = force_limit
         self._rng = senses_generator(seed)
+        self._latest: deque[Observation] = deque(maxlen=drawn.delay + 1)
+        self._light = drawn.light
         self._first: Observation | None = None
 
     def alter(self, observation: Observation) -> Observation:
         """Return what the policy is given; the first call is the reset's observation."""
         if not self._perturbation.changes_senses:
             return observation
-        self._first = self._first or observation
-        image, touch = observation["image"], observation["touch"].copy()
+        self._latest.append(self._in_light_with_noise(observation))
+        self._first = self._first or self._latest[0]
+        image, touch = self._latest[0]["image"], self._latest[0]["touch"].copy()
         if "vision" in self._perturbation.without:
             image = self._first["image"]
         for sense in self._perturbation.without:
             if sense in SENSED_TOUCH:
                 touch[SENSED_TOUCH[sense]] = self._first["touch"][SENSED_TOUCH[sense]]
+        return {"image": image, "touch": touch}
+
+    def _in_light_with_noise(self, observation: Observation) -> Observation:
+        image, touch = observation["image"], observation["touch"].copy()
+        if self._light != 1.0:
+            image = (image * self._light).round().clip(0, 255).astype(np.uint8)
         if self._perturbation.noise:
             noisy = image + self._rng.normal(0.0, self._perturbation.noise, image.shape)
             image = noisy.round().clip(0, 255).astype(np.uint8)
@@ -126,7 +140,7 @@ def run_episode(environment: MiniTouchEnv, policy: Policy, spec: EpisodeSpec) ->
     start = environment.start()
     touch, infos, rewards = [observation["touch"]], [info], []
     limit = environment.task.spec.force_limit
-    senses = AlteredSenses(environment.perturbation, spec.seed, limit)
+    senses = AlteredSenses(environment.perturbation, spec.seed, limit, environment.drawn)
     outcome, fault, is_late = None, "", False
     try:
         policy.reset(spec.policy_seed, spec.task)
@@ -168,38 +182,3 @@ def _trace(
         object_state=np.array([info["object_state"] for info in infos], np.float64),
         first_touch_tick=int(steps[-1]["first_touch_tick"]) if steps else -1,
     )
-
-
-class LocalEngine:
-    """Runs each episode in one of ``workers`` processes."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-
-    def run(self, source: PolicyMaker, specs: Sequence[EpisodeSpec]) -> Iterator[PlayedEpisode]:
-        """Yield records as episodes end; a worker that dies is replaced, its episode retried.
-
-        Raises:
-            InfrastructureError: an episode failed three times for no fault of the policy.
-        """
-        records = run_in_workers(
-            partial(_run_episode, EpisodeRunner(source)),
-            specs,
-            self.workers,
-            name=lambda spec: f"episode {spec.key}",
-        )
-        with contextlib.closing(records):
-            for _, record in records:
-                yield record
-
-
-def _run_episode(runner: EpisodeRunner, spec: EpisodeSpec) -> PlayedEpisode:
-    """Run an episode in a worker. A policy's fault is a record: any error is the machine's."""
-    try:
-        return runner.run(spec)
-    except errors.OutOfMemoryError as error:
-        raise errors.OutOfMemoryError(f"episode {spec.key}: {error}") from error
-    except (errors.CheckpointChangedError, errors.InfrastructureError):
-        raise
-    except Exception as error:
-        raise errors.InfrastructureError(f"{type(error).__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""The board as data: what ``leaderboard.json`` holds, and what every other writer shows.
+"""The board as data: the content of ``leaderboard.json``, which every other writer shows.
 
 Its schema is published as ``docs/leaderboard.schema.json``.
 """
@@ -39,7 +39,7 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""
 
 COPIED_SHARE = 0.5
-"""Share of equal episodes that makes a training a copy of another: two trainings have none."""
+"""Share of equal episodes that makes a training a copy: independent trainings have none."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -121,7 +121,7 @@ class BoardRow(About):
         return ""
 
     def learned_in(self, key: str) -> str:
-        """Say how many of several training seeds learned a task, or OVERALL all; "" for one."""
+        """Say how many training seeds learned a task, or all tasks (OVERALL); "" for one seed."""
         seeds = len(self.training_seeds)
         if seeds == 1 or not self.learned or key not in (OVERALL, *self.learned):
             return ""
@@ -141,7 +141,7 @@ def value_in_words(value: object) -> str:
 
 
 def amount(number: int) -> str:
-    """Write a large number short: 2 M, 1.5 k; one that is not exact with three digits."""
+    """Write a large number short, as 2 M or 1.5 k, with at most three digits."""
     rounded = float(f"{number:.3g}")
     for size, unit in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
         if rounded >= size:
@@ -309,7 +309,7 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
 
 
 def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
-    """Return by name the row that each copy repeats: the one whose training was played first.
+    """Return by the name of each copy the row that it repeats, which was played before it.
 
     A training repeats another where their checkpoints are equal, or at least COPIED_SHARE of the
     final policy's episodes, bit for bit: a copy that acts a little otherwise in most of its

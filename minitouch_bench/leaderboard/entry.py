@@ -1,4 +1,4 @@
-"""A row is played: a submission's checkpoints on this machine, and its results as files.
+"""Play a submission's checkpoints on this machine, and keep the results as files.
 
 ``reports/results/NAME/`` holds the draws of the fresh episodes, written before the first of them,
 and the facts of each finished run, without actions: the checkpoints give them again. Unfinished
@@ -37,7 +37,7 @@ PLAY = files.REPORTS / "play"
 
 ROW_FILE = "row.toml"
 FRESH = "-fresh"
-"""What the folder of a suite's fresh episodes ends in."""
+"""Ending of the name of a folder with fresh episodes."""
 
 TRAINING_LIMIT_S = 6 * 3600.0
 """How long a training may take to play; a policy may use minutes in each episode."""
@@ -130,7 +130,7 @@ class Entry:
         return self.name if self.submission.is_built_in else str(self.directory / training.folder)
 
     def read_row(self) -> RowFacts:
-        """Return what ``row.toml`` says; a row without a draw where there is none.
+        """Return the facts in ``row.toml``, or a row without draws if there is no such file.
 
         Raises:
             RunDirectoryError: it is damaged.
@@ -144,7 +144,7 @@ class Entry:
             raise errors.RunDirectoryError(str(error)) from error
 
     def parts(self, row: RowFacts) -> Iterator[RowRun]:
-        """Yield the runs of the row whose draws are made, training by training."""
+        """Yield the runs of each training that has a draw."""
         for training in self.submission.trainings:
             draw = row.draw_for(training)
             if draw is None:
@@ -202,7 +202,7 @@ def play_row(
     suites: Sequence[str] = (),
     directory: Path = PLAY,
 ) -> RowFacts:
-    """Play what is missing of a row, or was changed, and return what its file says then.
+    """Play the runs of a row that are missing or changed, and return what is kept of it.
 
     ``suites``: only these of the submission's. ``directory``: of unfinished runs.
 
@@ -262,7 +262,7 @@ def _keep_draws(entry: Entry) -> RowFacts:
 
 
 def _missing(entry: Entry, row: RowFacts, callbacks: Callbacks) -> Iterator[RowRun]:
-    """Yield the runs that were not played, or whose files are not of today's row."""
+    """Yield the runs without a result, or whose result is damaged or of other policies or rules."""
     for part in entry.parts(row):
         try:
             if entry.read_run(part) is None:

@@ -19,13 +19,13 @@ from minitouch_bench.runs.plan import Plan, make_plan
 from minitouch_bench.runs.run import Run
 
 FRESH_EPISODES = 50
-"""Per task and training. On novel shapes they are the suite's first shapes, in new scenes."""
+"""Per task and training. On novel shapes they use the suite's first shapes, in new scenes."""
 
 SIGNIFICANCE = 0.01
-"""Chance at most that an honest row loses its rank."""
+"""Upper limit of the chance that an honest row loses its rank."""
 
 ORDERS = 200_000
-"""Orders of the episodes that a permutation test counts."""
+"""Number of random orders of the episodes in a permutation test."""
 
 
 def fresh_plan(suite: str, checkpoint: str, draw: str) -> Plan:
@@ -35,7 +35,7 @@ def fresh_plan(suite: str, checkpoint: str, draw: str) -> Plan:
 
 
 def drop_p(official: RunsBySuite, fresh: RunsBySuite) -> float:
-    """Return how likely as large a drop is if all episodes are draws of one policy's.
+    """Return the p-value of a drop from a policy's official episodes to its fresh ones.
 
     One joint one-sided test: the p-values of all suites and tasks, each over the trainings
     together, are combined by Fisher's method. Final and exploration policies play the same scenes,

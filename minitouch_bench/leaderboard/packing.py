@@ -12,12 +12,13 @@ from typing import Any
 from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, read_recorded_config
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError, printable
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
+from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import (
@@ -29,9 +30,11 @@ from minitouch_bench.policies.sources import (
     SubmittedTraining,
     parse_hub_address,
     parse_source,
+    read_checkpoint,
 )
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.text import printable
 
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""
@@ -39,7 +42,7 @@ PACKING = ".packing"
 
 @dataclass(frozen=True)
 class PackedTraining:
-    """A training, and what is copied: where each file of its policies is, unless on the Hub."""
+    """A training, and the paths of its files that are copied; files on the Hub are not."""
 
     training: SubmittedTraining
     files: Mapping[CheckpointFile, Path]
@@ -51,9 +54,9 @@ def is_training(policy: str) -> bool:
 
 
 def pack_trainings(directories: Sequence[str]) -> tuple[list[PackedTraining], dict[str, Any]]:
-    """Group training directories by their seed; return them, and what their settings say.
+    """Group training directories by their seed; return them, and fields of ``Submission``.
 
-    What they say are fields of ``Submission``: method, learner, training steps, modalities.
+    Their settings give these fields: method, learner, training steps, modalities.
 
     Raises:
         UsageError: two are of one task and seed, or the trainings are of unlike settings.
@@ -88,12 +91,12 @@ def pack_trainings(directories: Sequence[str]) -> tuple[list[PackedTraining], di
 
 
 def _explored(directory: Path, task: str) -> bool:
-    """Tell whether an exploration policy is rated: in Playing it is the final one."""
+    """Tell whether a training has an exploration policy to rate; in Playing it is the final one."""
     return task in GOAL_TASKS and (directory / TRAINED[Role.EXPLORATION]).exists()
 
 
 def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
-    """Return what the settings of one seed's trainings say of the method."""
+    """Return the fields of ``Submission`` that the settings of one seed's trainings give."""
     methods = {config.method for config in configs}
     without = {config.without for config in configs}
     if len(methods) > 1 or len(without) > 1:
@@ -113,7 +116,7 @@ def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
 def pack_policies(
     policies: Sequence[str], explorations: Sequence[str], seeds: Sequence[int]
 ) -> list[PackedTraining]:
-    """Make each policy, with the exploration policy of the same place, a training.
+    """Make a training of each policy and the exploration policy at the same place.
 
     Raises:
         UsageError: their numbers differ, or a policy is not files.
@@ -137,7 +140,7 @@ def pack_policies(
 
 
 def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile, Path]]:
-    """Yield the files of a policy; those of a built-in policy are none."""
+    """Yield the files of a policy; a built-in policy has none."""
     if role is Role.FINAL and source.kind in BUILT_IN:
         return
     for task, part in source.parts if source.kind == DIRECTORY else ((ALL_TASKS, source),):
@@ -150,7 +153,8 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
         if part.address:
             hub = parse_hub_address(part.address)
             path, address = Path(hub.file), f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
-        yield CheckpointFile(role, task, path.name, part.digest, address), path
+        name = f"{task}{lerobot.SUFFIX}" if Path(part.target).is_dir() else path.name
+        yield CheckpointFile(role, task, name, part.digest, address), path
 
 
 def pack_submission(
@@ -184,9 +188,7 @@ def pack_submission(
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
         for one in trainings:
             for file, source in one.files.items():
-                with files.os_errors_as(RunDirectoryError, source, "copied"):
-                    content = files.read_file(source, files.LARGEST_CHECKPOINT, follow=True)
-                    files.write_file(copy / one.training.place(file), content)
+                files.write_file(copy / one.training.place(file), read_checkpoint(source))
         for problem in check_submission(copy):
             raise UsageError(problem)
         _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)

@@ -5,22 +5,19 @@ estimated over episodes here. A rank is 1 + the number of rows that are signific
 rows face the same episodes, so every two of them are compared episode by episode.
 """
 
-import math
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Count
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
-from minitouch_bench.metrics.statistics import ALPHA, POWER, SHARE, holm, mcnemar_p
+from minitouch_bench.metrics.statistics import ALPHA, SHARE, holm, mcnemar_p, seeds_to_decide
 from minitouch_bench.metrics.summary import GAP_PARTS, Gap
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, MAIN_SUITE, PROTOCOL
 from minitouch_bench.protocol.spec import Split
 from minitouch_bench.reporting.labels import TASKS
 from minitouch_bench.runs.run import Run
@@ -35,14 +32,23 @@ BOARD_GOALS = tuple(task for task in BOARD_TASKS if task in GOAL_TASKS)
 OVERALL = "overall"
 """The key of the main suite's tasks together."""
 
+MEAN_KEYS: Mapping[str, str] = {MAIN_SUITE: OVERALL, DARK: DARK}
+"""By suite, the key of the mean success over its tasks with a goal."""
+
 
 def board_key(suite: str, task: str) -> str:
     """Return the key of a task of a suite, of which the board ranks the rows."""
     return task if suite == MAIN_SUITE else f"{suite}/{task}"
 
 
+MEAN_OF: Mapping[str, tuple[str, ...]] = {
+    key: tuple(board_key(suite, task) for task in PROTOCOL.suite(suite).tasks if task in GOAL_TASKS)
+    for suite, key in MEAN_KEYS.items()
+}
+"""By the key of a mean, the keys of the tasks that it is of."""
+
 RANKED_BY: Mapping[str, str] = {
-    OVERALL: MEAN_SUCCESS,
+    **dict.fromkeys(MEAN_OF, MEAN_SUCCESS),
     **{task: ranking_metric(task) for task in BOARD_TASKS},
     **{
         board_key(suite.name, task): ranking_metric(task)
@@ -56,7 +62,7 @@ RANKED_BY: Mapping[str, str] = {
 BOARD_METRICS = tuple(
     name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
 )
-"""What a board shows of every task that has it."""
+"""The metrics that a board shows, in each task that has them."""
 
 Figures = dict[str, dict[str, intervals.Estimate]]
 """A row's estimates by the key of a table, then by metric."""
@@ -66,7 +72,7 @@ RunsBySuite = Mapping[str, Sequence[Run]]
 
 
 def score(runs: RunsBySuite) -> Figures:
-    """Return every estimate that each training has, by the key of its table.
+    """Return the estimates that all trainings have, by the key of their table.
 
     On novel shapes it is the metric that ranks a task, over the held-out shapes.
     """
@@ -79,14 +85,14 @@ def score(runs: RunsBySuite) -> Figures:
                 if len(estimates) == len(of_trainings):
                     possible = METRICS[metric].range_in(task)
                     found[metric] = intervals.over_seeds(estimates, possible)
-    if MAIN_SUITE in runs:
+    for suite in runs.keys() & MEAN_KEYS.keys():
+        key, number = MEAN_KEYS[suite], len(runs[suite])
         # Trainings of one task are independent of those of another, so their seeds are not paired.
-        mean = intervals.quadrature([figures[task]["success"] for task in BOARD_GOALS])
-        number = len(runs[MAIN_SUITE])
+        mean = intervals.quadrature([figures[part]["success"] for part in MEAN_OF[key]])
         if number > 1:
             method = f"{intervals.OVER_SEEDS}; {intervals.OVER_TASKS}"
             mean = replace(mean, count=number, method=method)
-        figures[OVERALL] = {MEAN_SUCCESS: mean}
+        figures[key] = {MEAN_SUCCESS: mean}
     return figures
 
 
@@ -98,7 +104,7 @@ def _estimate(run: Run, task: str, metric: str) -> intervals.Estimate | None:
 
 
 def values_by_key(runs: RunsBySuite) -> dict[str, list[list[float]]]:
-    """Return what ranks the rows: by key, of each training, the value of every episode.
+    """Return the values that rank the rows: by key, a list per training, a value per episode.
 
     On novel shapes these are the episodes with held-out shapes.
     """
@@ -152,7 +158,10 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
 
 @dataclass(frozen=True)
 class Rank:
-    """A row's rank: 1 + the rows that are significantly better; ``worst``: less those worse."""
+    """A row's rank: 1 + the number of better rows; ``worst``: all rows less the worse ones.
+
+    Better and worse rows are those that differ significantly.
+    """
 
     best: int
     worst: int
@@ -187,13 +196,13 @@ class Ranking:
 
 
 def rank(rows: Mapping[str, Mapping[str, Sequence[Sequence[float]]]]) -> dict[str, Ranking]:
-    """Rank rows by name, in each table that two of them have, or one.
+    """Rank the rows in each table that at least one of them has.
 
     A row has by key, of each training seed, the episodes' values in the metric that ranks it.
     """
     rankings = {}
     for key in RANKED_BY:
-        parts = BOARD_GOALS if key == OVERALL else (key,)
+        parts = MEAN_OF.get(key, (key,))
         present = [name for name, row in rows.items() if row.keys() >= {*parts}]
         if not present:
             continue
@@ -218,7 +227,9 @@ def _rank_table(
         higher, lower = (names[row] for row in pair)
         p = float(f"{corrected[pair]:.4g}")  # further digits depend on the library
         both = seeds[higher], seeds[lower]
-        number = None if better[pair] else seeds_to_decide(found, pair, both, ALPHA / undecided)
+        number = (
+            None if better[pair] else seeds_to_decide(found, both, ALPHA / undecided, pair=pair)
+        )
         difference = round(float(found.value[pair]), intervals.DIGITS)
         pairs.append(Pair(higher, lower, difference, p, bool(better[pair]), number))
     return Ranking(dict(zip(names, ranks_of(better), strict=True)), tuple(pairs))
@@ -251,41 +262,6 @@ def ranks_of(better: NDArray[np.bool_]) -> tuple[Rank, ...]:
     """Return the rank of each row, of ``judge_pairs``."""
     above, below = better.sum(axis=0), better.sum(axis=1)
     return tuple(Rank(1 + int(a), len(better) - int(b)) for a, b in zip(above, below, strict=True))
-
-
-MAX_SEEDS = 1000
-"""Training seeds of each row beyond which no number is given."""
-
-
-def seeds_to_decide(
-    found: intervals.MeanDifferences, pair: tuple[int, int], seeds: tuple[int, int], level: float
-) -> int | None:
-    """Return about how many training seeds of each of two rows would show which one is better.
-
-    With so many seeds, in place of those that there are, the test of ``found`` would be
-    significant at ``level`` with probability POWER, by the noncentral t distribution, if the
-    difference seen is the true one, the means of seeds are normal with the variances seen, and the
-    episodes are the same ones. It is a guess: if the true difference is half of that seen, about
-    four times as many are needed. None: a row has one seed, which says nothing of their variance,
-    or the number is above MAX_SEEDS.
-    """
-    difference = abs(float(found.value[pair]))
-    if min(seeds) == 1 or difference == 0:
-        return None
-    there = float(scipy.stats.hmean(seeds))
-    kept = float(found.over_episodes[pair])
-    of_one_seed = (float(found.variance[pair]) - kept) * there
-
-    def is_decided(number: int) -> bool:
-        freedom = float(found.freedom[pair]) * (number - 1) / (there - 1)
-        limit = scipy.special.stdtrit(freedom, 1.0 - level / 2.0)
-        errors = difference / math.sqrt(kept + of_one_seed / number)
-        # Not `<=`: scipy gives nan for some differences that are missed with a chance of about 0.
-        return not scipy.special.nctdtr(freedom, errors, limit) > 1.0 - POWER
-
-    numbers = range(2, MAX_SEEDS + 1)
-    place = bisect_left(numbers, True, key=is_decided)
-    return numbers[place] if place < len(numbers) else None
 
 
 def share_p_values(

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from minitouch_bench import files
-from minitouch_bench.errors import RunDirectoryError, printable
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import views
@@ -24,7 +24,13 @@ from minitouch_bench.leaderboard.board import (
 )
 from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
-from minitouch_bench.leaderboard.ranking import BOARD_GOALS, BOARD_TASKS, OVERALL, RANKED_BY
+from minitouch_bench.leaderboard.ranking import (
+    BOARD_GOALS,
+    BOARD_TASKS,
+    MEAN_OF,
+    OVERALL,
+    RANKED_BY,
+)
 from minitouch_bench.leaderboard.submission import (
     MODALITIES,
     check_submission,
@@ -35,11 +41,13 @@ from minitouch_bench.metrics.summary import TABLE4_METRICS
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
-from minitouch_bench.reporting.figures import steps_figure, touch_figure
+from minitouch_bench.reporting.figures import peak_figure, steps_figure, touch_figure
 from minitouch_bench.reporting.labels import group_faults, task_title
+from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.report_tables import gap_cells
 from minitouch_bench.reporting.tables import Row, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 BOARD_TEMPLATES = Path(__file__).parent / "templates"
 STYLESHEETS = ("board.css",)
@@ -240,7 +248,7 @@ def _fresh(row: BoardRow) -> Table:
     rows = []
     for key, metrics in row.fresh.items():
         for name in dict.fromkeys((RANKED_BY[key], "exploration")):
-            if name in metrics and key != OVERALL:
+            if name in metrics and key not in MEAN_OF:
                 both = (row.figures[key][name], metrics[name])
                 head = (_title(key), METRICS[name].label)
                 rows.append(Row(head, tuple(labels.estimate_cell(name, one) for one in both)))
@@ -279,11 +287,16 @@ def _faults(runs: Mapping[str, Sequence[Run]]) -> Mapping[str, Sequence[str]]:
 
 
 def submission_figures(played: PlayedRow) -> tuple[Figure, ...]:
-    """Return how long a row's episodes last, and its touch over time."""
+    """Return where a row's episodes succeed, how long they last, and how they touch."""
     runs = played.official[MAIN_SUITE]
     several = "; a line per training seed" if len(runs) > 1 else ""
     episodes = {task: [*chain(*played.episodes(task))] for task in BOARD_GOALS}
-    return (
-        steps_figure({task: {"": rows} for task, rows in episodes.items()}),
+    mapped = [MappedTask(task, task_title(task), played.episodes(task)) for task in BOARD_TASKS]
+    panels = {task: {"": rows} for task, rows in episodes.items()}
+    figures = (
+        start_figure(mapped),
+        steps_figure(panels),
         touch_figure(BOARD_TASKS, runs, more=several),
+        peak_figure(panels),
     )
+    return tuple(figure for figure in figures if figure.plots)

@@ -1,6 +1,6 @@
 """A submission: the types of ``submission.toml``, which its schema follows from, and its rules.
 
-It holds a policy for each training, and words about them. None of it is executed here.
+It has a policy for each training, and words about them. None of it is executed here.
 """
 
 import hashlib
@@ -16,13 +16,7 @@ from msgspec import Meta
 
 from minitouch_bench import files
 from minitouch_bench.episode import Role
-from minitouch_bench.errors import (
-    MiniTouchError,
-    PolicyLoadError,
-    RunDirectoryError,
-    UsageError,
-    printable,
-)
+from minitouch_bench.errors import MiniTouchError, PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.json_io import parse_toml, take_table, whole
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import (
@@ -32,6 +26,7 @@ from minitouch_bench.policies.sources import (
     check_zip,
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
+from minitouch_bench.text import printable
 
 SUBMISSION_FORMAT: Final = "minitouch-submission"
 VERSION: Final = 2
@@ -62,7 +57,7 @@ NAME = _form(
     "A name of 1 to 64 of a-z, 0-9, '.', '_', '-', that begins and ends with a letter or digit, "
     "without '..' or '.html'.",
 )
-"""Of a submission: it becomes a directory and an address on every system."""
+"""The name of a submission is also that of a directory and an address on every system."""
 PLAIN_TEXT = _form(
     r"(?![=+@ -])(?!.*(?:  | $))[^<>\x00-\x1f\x7f]*",
     "Plain text on one line, without <, > and spare spaces, that does not begin as a "
@@ -112,7 +107,7 @@ class About:
 
 @dataclass(frozen=True, kw_only=True)
 class FormatMark:
-    """What ``submission.toml`` begins with."""
+    """The first keys of ``submission.toml``."""
 
     format: Literal["minitouch-submission"] = SUBMISSION_FORMAT
     version: Literal[2] = VERSION
@@ -167,7 +162,7 @@ def check_submission(directory: Path) -> Iterator[str]:
 
 
 def mistakes(submission: Submission) -> Iterator[str]:
-    """Yield what a submission cannot say of itself, although each value has its form."""
+    """Yield the contradictions of a submission whose values are valid one by one."""
     for text in (submission.method, submission.learner, submission.notes, *submission.authors):
         if printable(text) != text or not unicodedata.is_normalized("NFC", text):
             yield f"'{printable(text)}' has unseen characters or is not in composed form (NFC)"
@@ -262,7 +257,7 @@ def _check_content(file: CheckpointFile, content: bytes) -> None:
 
 
 def find_equal(submissions: Path, submission: Submission) -> dict[str, str]:
-    """Return the checkpoints that other submissions have too: by file, the other's name."""
+    """Return the final checkpoints that other submissions have too: file, other's name."""
     found: dict[str, str] = {}
     ours = {
         file.sha256: file.file for one in submission.trainings for file in one.files(Role.FINAL)
@@ -279,7 +274,7 @@ def find_equal(submissions: Path, submission: Submission) -> dict[str, str]:
 
 
 def find_submissions(directory: Path) -> list[Path]:
-    """Return the directories of submissions; names that begin with "_" or "." are not any.
+    """Return the directories of submissions, without those whose name begins with "_" or ".".
 
     Raises:
         UsageError: the directory does not exist, or cannot be read.

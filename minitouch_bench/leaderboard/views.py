@@ -28,8 +28,8 @@ from minitouch_bench.leaderboard.ranking import (
 )
 from minitouch_bench.metrics import definitions
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
-from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS
-from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, MAX_SEEDS
+from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
@@ -93,6 +93,7 @@ def views(board: Board) -> tuple[BoardView, ...]:
         _overall(board),
         *(_task(board, task) for task in BOARD_TASKS),
         *([_novel(board)] if any(row.novel_shapes for row in board.rows) else []),
+        *([_dark(board)] if any(DARK in row.figures for row in board.rows) else []),
         _touch(board),
     )
 
@@ -121,7 +122,8 @@ def _touch(board: Board) -> BoardView:
     metrics = [METRICS[name] for name in TOUCH_METRICS]
     columns = (Column(m.label, task_title(task), m.unit) for task in BOARD_TASKS for m in metrics)
     meanings = (f"{metric.label}: {metric.meaning}." for metric in metrics)
-    lead = " ".join(("What the fingers did, in the overall order.", *meanings))
+    bounds = labels.force_note(BOARD_TASKS)
+    lead = " ".join(("What the fingers did, in the overall order.", *meanings, bounds))
     wanted = [(task, name) for task in BOARD_TASKS for name in TOUCH_METRICS]
     return BoardView("touch", "Touch", lead, tuple(columns), _lines(board, OVERALL, wanted))
 
@@ -145,6 +147,22 @@ def _novel(board: Board) -> BoardView:
     return BoardView(NOVEL_SHAPES, "Novel shapes", lead, tuple(columns), tuple(lines))
 
 
+def _dark(board: Board) -> BoardView:
+    tasks = PROTOCOL.suite(DARK).tasks
+    goals = [task_title(task) for task in tasks if task in GOAL_TASKS]
+    columns = (
+        Column("Mean success", unit=f"{len(goals)} tasks ↑"),
+        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in tasks),
+    )
+    lead = (
+        "The light is off: every picture is black, and touch decides. Pushing is left out, because "
+        f"its target cannot be felt. Ordered by the mean success over {listed(goals)}."
+    )
+    keys = (DARK, *(board_key(DARK, task) for task in tasks))
+    lines = _lines(board, DARK, [(key, RANKED_BY[key]) for key in keys])
+    return BoardView(DARK, "Dark", lead, columns, lines)
+
+
 def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:
     for task in tasks:
         held_out, train, difference, _ = gap_cells(task, RANKED_BY[task], row.novel_shapes[task])
@@ -154,7 +172,7 @@ def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:
 
 
 def _lines(board: Board, key: str, wanted: Sequence[tuple[str, str]]) -> tuple[BoardLine, ...]:
-    """Return the lines with the ``wanted`` metrics by rank, then the paper's with a value."""
+    """Return the rows' lines in order with the ``wanted`` metrics, then the paper's lines."""
     lines = [
         replace(line, cells=tuple(_cell(line.row, *names) for names in wanted))
         for line in _heads(board, key)
@@ -204,11 +222,11 @@ UNDECIDED = "Not significantly different from"
 
 
 def explain_rank(board: Board, row: BoardRow, key: str) -> str:
-    """Say which rows a ranked row differs from in a task or OVERALL, and what is nearly settled."""
+    """Say which rows a ranked row differs from in a table, and which pair is nearly settled."""
     found: dict[str, list[str]] = {BETTER: [], WORSE: [], UNDECIDED: []}
     nearest = ""
     pairs = [pair for pair in board.pairs[key] if row.name in (pair.higher, pair.lower)]
-    for pair in sorted(pairs, key=lambda pair: (pair.p, pair.seeds or ranking.MAX_SEEDS)):
+    for pair in sorted(pairs, key=lambda pair: (pair.p, pair.seeds or MAX_SEEDS)):
         verdict, other = (BETTER, pair.lower) if row.name == pair.higher else (WORSE, pair.higher)
         p = f"p = {pair.p:.2g}" if pair.p >= 0.001 else "p < 0.001"
         if not pair.is_significant:
@@ -275,7 +293,7 @@ def board_notes() -> tuple[str, ...]:
         "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "
         "episodes are the same. The number is a guess: a true difference half as large needs four "
-        f"times as many. No number: more than {ranking.MAX_SEEDS:,}, or a row of one seed, which "
+        f"times as many. No number: more than {MAX_SEEDS:,}, or a row of one seed, which "
         "does not show how its seeds vary.",
         f"Brackets: 95 % interval. One training seed: {intervals}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
@@ -283,7 +301,7 @@ def board_notes() -> tuple[str, ...]:
         f"{listed(floors)}, the best of {listed(FLOORS)}.",
         f"Calibration rows are the built-in policies: {CEILING} reads the simulator's state "
         f"and solves each task, {listed(FLOORS)} are floors. They are never ranked.",
-        f"{labels.PAPER_NOTE} They are never ranked.",
+        f"{labels.PAPER_NOTE} They are never ranked. {labels.MARK_NOTE}",
     )
 
 

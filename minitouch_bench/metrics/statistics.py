@@ -6,6 +6,7 @@ episodes. A new one is a class here; nothing falls back on a mean.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from statistics import NormalDist
 from typing import Final, NamedTuple
@@ -20,6 +21,7 @@ from minitouch_bench.metrics.intervals import (
     RESAMPLES,
     Estimate,
     Floats,
+    MeanDifferences,
     Values,
     bootstrap,
     newcombe,
@@ -263,3 +265,43 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     adjusted = np.empty(len(order))
     adjusted[order] = np.maximum.accumulate(np.minimum(scaled, 1.0))
     return tuple(adjusted.tolist())
+
+
+MAX_SEEDS = 1000
+"""Training seeds of each of two methods beyond which no number is given."""
+
+
+def seeds_to_decide(
+    found: MeanDifferences,
+    seeds: tuple[int, int],
+    level: float,
+    difference: float | None = None,
+    pair: tuple[int, int] = (0, 1),
+) -> int | None:
+    """Return about how many training seeds of each of two rows would show which one is better.
+
+    With so many seeds, in place of the ``seeds`` that there are, the test of ``found`` would be
+    significant at ``level`` with probability POWER, by the noncentral t distribution, if
+    ``difference``, by default that seen, is the true one, the means of seeds are normal with the
+    variances seen, and the episodes are the same ones. It is a guess: if the true difference is
+    half of that seen, about four times as many are needed. None: a row has one seed, which says
+    nothing of their variance, or the number is above MAX_SEEDS.
+    """
+    distance = abs(float(found.value[pair])) if difference is None else difference
+    if min(seeds) == 1 or distance <= 0:
+        return None
+    there = float(scipy.stats.hmean(seeds))
+    kept = float(found.over_episodes[pair])
+    of_one_seed = (float(found.variance[pair]) - kept) * there
+
+    def is_decided(number: int) -> bool:
+        freedom = float(found.freedom[pair]) * (number - 1) / (there - 1)
+        limit = scipy.special.stdtrit(freedom, 1.0 - level / 2.0)
+        variance = kept + of_one_seed / number
+        errors = distance / math.sqrt(variance) if variance > 0.0 else math.inf
+        # Not `<=`: scipy gives nan for some differences that are missed with a chance of about 0.
+        return not scipy.special.nctdtr(freedom, errors, limit) > 1.0 - POWER
+
+    numbers = range(2, MAX_SEEDS + 1)
+    place = bisect_left(numbers, True, key=is_decided)
+    return numbers[place] if place < len(numbers) else None

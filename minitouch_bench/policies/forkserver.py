@@ -14,28 +14,21 @@ what it was forked with, at most.
 The descriptors are a socket for requests and answers, a pipe for what the policy prints, so that
 nothing of one episode can be left in them for the next, and the checkpoint's file, if it has one.
 
-The host forks a reaper for each episode, which reads its orders, forks the policy's process and
-waits for its end. So the host's memory is the same before each episode: what the orders or the
-policy left would otherwise be in the memory of the next policy. The policy's process loads the
-checkpoint, answers, and ends with the episode.
+The host reads orders only, and nothing that a policy says. The policy's process, forked for one
+episode, loads the checkpoint, answers, and ends with the episode.
 """
 
 import contextlib
-import ctypes
 import gc
 import os
 import random
 import resource
-import select
 import signal
 import socket
 import sys
 import time
-import traceback
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import repeat, takewhile
-from operator import itemgetter
 from typing import Any, NoReturn
 
 import msgspec
@@ -47,6 +40,7 @@ from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.sandbox import NOTHING, Sandbox, factory_paths, prepare
 from minitouch_bench.processes import core_count, die_with
 from minitouch_bench.protocol.spec import fit_action
+from minitouch_bench.text import MAX_TEXT, describe, plain_line
 
 CLOSE_ON_EXEC = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 """macOS does not have it; the children that the host forks do not start programs by themselves."""
@@ -55,81 +49,56 @@ POLL_S = 0.002
 MAXRSS_IN_MIB = 2**20 if sys.platform == "darwin" else 2**10
 
 
-def serve_episodes(control: socket.socket, setup: wire.HostSetup) -> NoReturn:
-    """Fork a reaper an episode until the other side closes.
-
-    Between two episodes only functions in C are called, and not those that Python calls when it
-    forks: a policy could read in bytecode how often it was run.
-    """
+def serve_episodes(control: socket.socket, setup: wire.HostSetup) -> None:
+    """Obey the orders of one episode after the other, until the other side closes."""
     sandbox, problem = None, None
     try:
         _import_format(setup.kind)
         sandbox = _make_sandbox(setup)
     except errors.MiniTouchError as error:
         problem = {"error": str(error), "class": type(error).__name__}
-    orders = select.poll()
-    orders.register(control, select.POLLIN)
-    host = os.getpid()
-    fork = ctypes.PyDLL(None).fork
-    fork.argtypes = (ctypes.py_object,)  # what poll returned, which fork does not look at
-    ctypes.pythonapi.PyOS_BeforeFork()
-    reapers = takewhile(bool, map(fork, iter(orders.poll, None)))
-    try:
-        if any(map(itemgetter(1), map(os.waitpid, reapers, repeat(0)))):
-            os._exit(0)  # a reaper found no order, or was killed; Python still holds a fork's locks
-    except ChildProcessError:  # fork returned -1, for which there is nothing to wait
-        print("no process can be forked", file=sys.stderr)
-        os._exit(1)
-    ctypes.pythonapi.PyOS_AfterFork_Child()
-    try:
-        die_with(host)
-        if reap(control, sandbox, problem):
-            os._exit(0)
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(1)
-
-
-def reap(
-    control: socket.socket, sandbox: Sandbox | None, problem: Mapping[str, str] | None
-) -> bool:
-    """Obey the orders of one episode; return whether another can follow."""
 
     def answer(document: Mapping[str, Any]) -> None:
-        control.sendall(msgspec.json.encode(document))
+        with contextlib.suppress(ConnectionError):  # then there is no next order
+            control.sendall(msgspec.json.encode(document))
 
-    packet, descriptors, _, _ = socket.recv_fds(control, wire.MAX_PAYLOAD, 3, CLOSE_ON_EXEC)
-    if not packet:
-        return False
-    if problem is not None:
-        answer(problem)
-        return True
-    order = msgspec.json.decode(packet, type=wire.StartOrder)
-    channel, output, *files = descriptors
-    if files:
-        read = replace(order.source, content=_read_whole(files[0]))
-        order = msgspec.structs.replace(order, source=read)
-    reaper = os.getpid()
+    while True:
+        packet, descriptors, _, _ = socket.recv_fds(control, wire.MAX_PAYLOAD, 3, CLOSE_ON_EXEC)
+        if not packet:
+            return
+        if problem is None:
+            order = msgspec.json.decode(packet, type=wire.StartOrder)
+            child = _fork_policy(order, sandbox, control, descriptors)
+        for descriptor in descriptors:
+            os.close(descriptor)
+        if problem is None:
+            answer({"pid": child})
+            grace = control.recv(wire.MAX_PAYLOAD) or b"0"
+            answer(_end_child(child, msgspec.json.decode(grace, type=float)))
+        else:
+            answer(problem)
+
+
+def _fork_policy(
+    order: wire.StartOrder, sandbox: Sandbox | None, control: socket.socket, descriptors: list[int]
+) -> int:
+    """Return the id of a process that plays an episode, and ends without returning."""
+    host = os.getpid()
     child = os.fork()
-    if child == 0:
-        try:
-            os.setpgid(0, 0)
-            die_with(reaper)
-            control.close()  # orders are not the policy's to give
-            _take_streams(output)
-            serve_episode(order, sandbox, channel)
-        finally:
-            os._exit(1)
-    for descriptor in (channel, output):
-        os.close(descriptor)
-    answer({"pid": child})
-    packet = control.recv(wire.MAX_PAYLOAD)
-    if not packet:
-        _end_child(child, 0.0)
-        return False
-    answer(_end_child(child, msgspec.json.decode(packet, type=float)))
-    return True
+    if child:
+        return child
+    try:
+        os.setpgid(0, 0)
+        die_with(host)
+        control.close()  # orders are not the policy's to give
+        channel, output, *files = descriptors
+        _take_streams(output)
+        if files:
+            read = replace(order.source, content=_read_whole(files[0]))
+            order = msgspec.structs.replace(order, source=read)
+        serve_episode(order, sandbox, channel)
+    finally:
+        os._exit(1)
 
 
 def _end_child(child: int, grace_s: float) -> dict[str, Any]:
@@ -197,7 +166,7 @@ def _import_format(kind: str) -> None:
         raise
     except Exception as error:  # an installed package that does not import
         raise errors.PolicyLoadError(
-            f"cannot read {kind} policies here: {errors.describe(error)}"
+            f"cannot read {kind} policies here: {describe(error)}"
         ) from error
     if "torch" in sys.modules:  # sums differ in their last bits between one and two threads
         sys.modules["torch"].set_num_threads(1)
@@ -214,7 +183,7 @@ def serve_episode(order: wire.StartOrder, sandbox: Sandbox | None, channel: int)
             if sandbox is not None:
                 sandbox.enter((channel,))
         except OSError as error:
-            wire.write_frame(channel, wire.Frame.UNCONFINED, errors.describe(error).encode())
+            wire.write_frame(channel, wire.Frame.UNCONFINED, describe(error).encode())
         else:
             wire.write_frame(channel, wire.Frame.CONFINED)
             _serve(order, channel)
@@ -249,7 +218,7 @@ def _serve(order: wire.StartOrder, channel: int) -> None:
         try:
             if request is wire.Frame.LOAD:
                 loaded = policy.load_policy(order.source)
-                warning = errors.plain_line(policy.warning_of(loaded), 2 * errors.MAX_TEXT)
+                warning = plain_line(policy.warning_of(loaded), 2 * MAX_TEXT)
                 kind, answer = wire.Frame.LOADED, warning.encode(errors="replace")
             elif loaded is None:
                 raise wire.WireError(f"a request of kind {request} before LOAD")
@@ -281,7 +250,7 @@ def _in_words(error: BaseException) -> str:
     """Say what a policy raised; of words that are told as the policy's, the parent says so."""
     if isinstance(error, errors.PolicyRaisedError):
         return " ".join(map(str, error.args))
-    return errors.describe(error)
+    return describe(error)
 
 
 def main() -> None:

@@ -59,6 +59,15 @@ FORMATS: Mapping[str, Format] = {
         computes_with="stable-baselines3",
         runs_code=True,
     ),
+    "lerobot": Format(
+        "lerobot:load_lerobot",
+        (".lerobot",),  # a directory in one file, as submissions have it
+        (
+            ("lerobot.policies.act.modeling_act", "lerobot"),
+            ("lerobot.policies.diffusion.modeling_diffusion", "lerobot"),
+        ),
+        computes_with="lerobot",
+    ),
     "factory": Format("python_objects:load_factory", packages=(("torch", "all"),)),
     "remote": Format("server:load_remote"),
     IN_MEMORY: Format("python_objects:load_object"),

@@ -117,7 +117,7 @@ def _read_form(content: bytes) -> PolicyMetadata:
     except (ValueError, KeyError, RecursionError) as error:
         raise PolicyLoadError(
             f"not a native checkpoint: no '{METADATA_KEY}' entry in its metadata. Write it with "
-            "minitouch_bench.policies.native.save_native"
+            "minitouch_bench.policies.native.save_native; of a LeRobot policy, give the directory"
         ) from error
     if form.architecture not in networks.ARCHITECTURES or form.action_size not in ACTION_SIZES:
         raise PolicyLoadError(

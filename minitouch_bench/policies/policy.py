@@ -15,11 +15,11 @@ from minitouch_bench.errors import (
     PolicyLoadError,
     ServerUnreachableError,
     UsageError,
-    describe,
 )
 from minitouch_bench.machine import look_up, require
 from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
+from minitouch_bench.text import describe
 
 IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, (PROTOCOL.observation.touch_size,)
 

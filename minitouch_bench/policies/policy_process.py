@@ -1,14 +1,13 @@
-"""A policy isolated as asked: in a process of its own, or beside the simulator; tried before a run.
+"""A policy isolated as asked: in a process of its own, or beside the simulator.
 
 This is the trusted side of the process, which never imports torch.
 """
 
 import contextlib
-import random
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, Any, NoReturn
 
@@ -23,8 +22,8 @@ from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import SANDBOXED, Isolation, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
-from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import fit_action
+from minitouch_bench.text import MAX_TEXT, describe, plain_line
 
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""
@@ -95,7 +94,7 @@ class PolicyProcess:
             answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self.target} cannot be loaded: {fault}") from fault
-        self.warning = errors.plain_line(answer.decode(errors="replace"), 2 * errors.MAX_TEXT)
+        self.warning = plain_line(answer.decode(errors="replace"), 2 * MAX_TEXT)
         late = f"reset did not return within {limit_s:g} s"
         self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
 
@@ -191,7 +190,7 @@ class PolicyProcess:
             kind, payload = self._channel.receive(deadline)
             if kind is wire.Frame.CONFINED:
                 return
-            text = errors.plain_line(payload.decode(errors="replace"))
+            text = plain_line(payload.decode(errors="replace"))
         self._stop(0.0)
         raise errors.InfrastructureError(
             f"the policy's process could not enter its sandbox: {text}"
@@ -225,9 +224,7 @@ class PolicyProcess:
         return payload
 
     def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
-        text = errors.plain_line(
-            payload.decode(errors="replace"), 2 * errors.MAX_TEXT + len(self.target)
-        )
+        text = plain_line(payload.decode(errors="replace"), 2 * MAX_TEXT + len(self.target))
         if kind is wire.Frame.REFUSED and request is not wire.Frame.ACT:
             is_confined_factory = self._host is not None and self._host.setup.factory
             self._stop(0.0)
@@ -356,7 +353,7 @@ def _own_faults(kind: str) -> Iterator[None]:
     except BaseException as error:
         if policy.is_unreachable(kind, error):
             raise
-        raise errors.PolicyRaisedError(errors.describe(error)) from error
+        raise errors.PolicyRaisedError(describe(error)) from error
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:
@@ -381,60 +378,3 @@ def isolate(
     if level is Isolation.NONE:
         return InProcessPolicy(source, trust=options.trust)
     return PolicyProcess(source, replace(options, level=level))
-
-
-def try_policy(
-    source: PolicySource, tasks: Sequence[str], options: IsolationOptions = SANDBOXED
-) -> tuple[str, ...]:
-    """Load every checkpoint of a source once and ask for an action, whose faults are passed over.
-
-    One that serves several tasks is tried in that of the largest forces: a model of smaller ones
-    is refused there.
-
-    Returns:
-        What loaders warn of, one line each.
-
-    Raises:
-        PolicyLoadError: it cannot be loaded or reset.
-        IsolationError: this machine cannot isolate it as asked.
-        MissingExtraError: an optional package is not installed.
-        InfrastructureError: its process or its host was killed.
-    """
-    if source.kind == "scripted":
-        return ()
-    warnings, felt = [], policy.zero_observation()
-    felt["touch"] = np.ones_like(felt["touch"])
-    hardest = max(tasks, key=lambda task: PROTOCOL.task(task).force_limit)
-    with kept_generators(), contextlib.closing(isolate(source, options)) as tried:
-        for task in tasks if source.parts else [hardest]:
-            try:
-                tried.reset(0, task)
-            except errors.PolicyFaultError as fault:
-                raise errors.PolicyLoadError(f"{tried.target} cannot be reset: {fault}") from fault
-            except errors.ServerUnreachableError as error:
-                raise errors.PolicyLoadError(str(error)) from error
-            with contextlib.suppress(errors.PolicyFaultError):
-                tried.act(policy.zero_observation())
-                remembers = policy.TO_REMEMBER in tried.warning and not np.array_equal(
-                    tried.act(felt), tried.act(felt)
-                )
-                if tried.warning and not remembers:
-                    warnings.append(f"{tried.target}: {tried.warning}")
-    return tuple(warnings)
-
-
-@contextlib.contextmanager
-def kept_generators() -> Iterator[None]:
-    """Leave the caller's generators and number of threads as they are: it may be a training."""
-    states = random.getstate(), np.random.get_state()  # noqa: NPY002 - what a policy may use
-    torch = sys.modules.get("torch")
-    threads = torch.get_num_threads() if torch else 0
-    devices = range(torch.cuda.device_count()) if torch and torch.cuda.is_initialized() else ()
-    with torch.random.fork_rng(devices) if torch else contextlib.nullcontext():
-        try:
-            yield
-        finally:
-            random.setstate(states[0])
-            np.random.set_state(states[1])  # noqa: NPY002
-            if torch:
-                torch.set_num_threads(threads)

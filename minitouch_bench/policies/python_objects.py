@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY, Observation
-from minitouch_bench.errors import PolicyLoadError, describe
+from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.policy import (
     Policy,
@@ -28,6 +28,7 @@ from minitouch_bench.policies.policy import (
     action_size,
     close_policy,
 )
+from minitouch_bench.text import describe
 
 
 def make_policy(factory: Callable[..., object], deterministic: bool) -> Policy:

@@ -17,7 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Observation
-from minitouch_bench.errors import PolicyLoadError, describe, plain_line
+from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import (
     IMAGE_SHAPE,
@@ -27,6 +27,7 @@ from minitouch_bench.policies.policy import (
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import ACTION_SIZES
+from minitouch_bench.text import describe, plain_line
 
 ON_POLICY = "gae_lambda"
 """A setting of PPO and A2C alone."""

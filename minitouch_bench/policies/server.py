@@ -29,17 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Observation
-from minitouch_bench.errors import (
-    PolicyFaultError,
-    PolicyLoadError,
-    ServerUnreachableError,
-    describe,
-    plain_line,
-)
+from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.policy import Policy, PolicySource, close_policy
 from minitouch_bench.policies.python_objects import make_policy
 from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
+from minitouch_bench.text import describe, plain_line
 
 MAX_OPEN_EPISODES = 1024
 """Episodes kept open; beyond it the oldest is dropped, its evaluation having died."""

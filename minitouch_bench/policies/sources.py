@@ -25,13 +25,14 @@ from minitouch_bench.errors import (
     MiniTouchError,
     PolicyLoadError,
     UsageError,
-    describe,
 )
 from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
+from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.protocol.minitouch import TASK_NAMES
+from minitouch_bench.text import describe
 
 TRAINED_FILE, EXPLORED_FILE = "final.safetensors", "exploration.safetensors"
 KEPT_FILE = "final_{}_steps.safetensors"
@@ -52,7 +53,6 @@ SERVERS = ("http://", "https://")
 HUB = "hf://"
 HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)(?:@([^/@]+))?/([^@]+)(?:@(.+))?")
 COMMIT = re.compile("[0-9a-f]{40}")
-
 
 ALL_TASKS = "all"
 """The task of a checkpoint that serves every task."""
@@ -193,7 +193,7 @@ def trained_task(source: PolicySource) -> str | None:
 
 
 def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
-    """Return a checkpoint file's bytes; ``follow`` allows a link.
+    """Return a checkpoint's bytes, those of a directory in one file; ``follow`` allows a link.
 
     Raises:
         PolicyLoadError: missing, no plain file, empty, too large or not readable.
@@ -201,6 +201,8 @@ def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
     with files.os_errors_as(PolicyLoadError, path, "read"):
         if not path.exists():
             raise PolicyLoadError(f"the policy file {path} does not exist")
+        if path.is_dir():
+            return lerobot.pack(path, follow=follow)
         content = files.read_file(path, files.LARGEST_CHECKPOINT, follow=follow)
     if not content:
         raise PolicyLoadError(f"the policy file {path} is empty")
@@ -223,7 +225,7 @@ def read_again(target: str, digest: str) -> bytes:
 
 
 def _kind_of(path: Path) -> str:
-    kind = KIND_BY_SUFFIX.get(path.suffix)
+    kind = KIND_BY_SUFFIX.get(lerobot.SUFFIX if path.is_dir() else path.suffix)
     if kind is None:
         raise PolicyLoadError(
             f"{path} has no known policy format; known are {', '.join(KIND_BY_SUFFIX)}, and "
@@ -306,9 +308,12 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
     with files.os_errors_as(PolicyLoadError, path, "read"):
         if (path / files.SUBMISSION_FILE).is_file():
             return _parse_submission(path, role)
+        if of_lerobot := lerobot.find_checkpoint(path):
+            return replace(_parse_file(of_lerobot), name=lerobot.name_of(of_lerobot))
         found = sorted(path.iterdir())
     for file in found:
-        if file.stem not in TASK_NAMES or file.suffix not in KIND_BY_SUFFIX:
+        is_policy = file.suffix in KIND_BY_SUFFIX or lerobot.find_checkpoint(file) == file
+        if file.stem not in TASK_NAMES or not is_policy:
             continue
         if file.stem in parts:
             other = Path(parts[file.stem].target).name

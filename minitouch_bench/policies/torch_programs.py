@@ -15,6 +15,7 @@ from minitouch_bench import errors
 from minitouch_bench.episode import Observation
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.native import as_array, to_tensors
+from minitouch_bench.text import describe, own_place, plain_line
 
 ARGUMENTS, RESULT = tree_structure(((0, 0), {})), tree_structure(0)
 INPUTS = ((torch.uint8, (1, *policy.IMAGE_SHAPE)), (torch.float32, (1, *policy.TOUCH_SHAPE)))
@@ -62,9 +63,7 @@ class ModulePolicy:
             try:
                 return as_array(self._module(*to_tensors(observation)))
             except TORCH_ERRORS as error:  # whose message begins with the whole source
-                raise errors.PolicyRaisedError(
-                    _last_line(error) + errors.own_place(error)
-                ) from error
+                raise errors.PolicyRaisedError(_last_line(error) + own_place(error)) from error
 
 
 def load_exported(source: policy.PolicySource) -> ModulePolicy:
@@ -83,7 +82,7 @@ def load_exported(source: policy.PolicySource) -> ModulePolicy:
     except Exception as error:  # whatever is pickled in it may raise
         raise errors.PolicyLoadError(
             f"it cannot be read by torch {torch.__version__} (export on the CPU, write with "
-            f"torch.export.save): {errors.describe(error)}"
+            f"torch.export.save): {describe(error)}"
         ) from error
     if "model" not in programs:
         what = "compiled code" if is_compiled else "no program"
@@ -132,7 +131,7 @@ def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
 def _last_line(error: Exception) -> str:
     """Return the end of torch's message, where it says what went wrong."""
     lines = [line for line in str(error).splitlines() if line.strip()]
-    return errors.plain_line(lines[-1]) if lines else type(error).__name__
+    return plain_line(lines[-1]) if lines else type(error).__name__
 
 
 # What a module could remember with: a recurrent layer, or a tensor of zeros, as a hidden state

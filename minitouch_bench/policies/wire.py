@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Observation
-from minitouch_bench.errors import plain_line
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
 from minitouch_bench.processes import watch
+from minitouch_bench.text import plain_line
 
 MAX_PAYLOAD = 64 * 1024
 """Longest payload either side accepts, in bytes."""

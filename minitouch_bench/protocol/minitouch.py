@@ -206,6 +206,14 @@ SUITE_SPECS = (
     SuiteSpec(
         "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
     ),
+    SuiteSpec(
+        "dark",
+        ("playing", "opening", "pick-up"),
+        100,
+        rankable=True,
+        light=0.0,
+        lacks="the light is off, and the target of pushing cannot be felt",
+    ),
     SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
 )
 """Every suite."""
@@ -232,8 +240,8 @@ SUITE_NAMES = tuple(suite.name for suite in PROTOCOL.suites)
 GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
 """The tasks with a goal; Playing has touch only."""
 
-MAIN_SUITE, NOVEL_SHAPES = "table4", "novel-shapes"
-"""The suites of Table 4 and of Figure 11."""
+MAIN_SUITE, NOVEL_SHAPES, DARK = "table4", "novel-shapes", "dark"
+"""The suites of Table 4 and of Figure 11, and the one that touch decides."""
 
 LOAD_TIMEOUT_S, ACT_TIMEOUT_S, EPISODE_TIMEOUT_S = 60.0, 5.0, 300.0
 """How long a policy may take, in s: to load and reset, for one action, for a whole episode."""

@@ -24,7 +24,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.errors import InvalidActionError, UsageError, describe
+from minitouch_bench.errors import InvalidActionError, UsageError
+from minitouch_bench.text import describe
 
 Rgba = tuple[float, float, float, float]
 
@@ -233,6 +234,10 @@ class SuiteSpec:
     novel_shapes: bool = False
     """Held-out shapes beside train shapes, in place of each task's own objects."""
     seed: int = 0
+    light: float = field(default=1.0, metadata={"frozen": 1.0})
+    """Factor on the gray levels of every picture that a policy gets; part of its tasks' digests."""
+    lacks: str = field(default="", metadata=UNDIGESTED)
+    """Why a task is not in it."""
 
 
 Named = TypeVar("Named", TaskSpec, SuiteSpec)
@@ -274,11 +279,13 @@ class ProtocolSpec:
     @cache  # noqa: B019  a protocol is a value that lives as long as the program
     def task_digest(self, name: str, suite: str) -> str:
         """Return the SHA-256 over all that an episode of a task in a suite depends on."""
-        task = self.task(name)
-        own_object = task.default_objects in ("", CUBE) and not self.suite(suite).novel_shapes
+        task, made_of = self.task(name), self.suite(suite)
+        own_object = task.default_objects in ("", CUBE) and not made_of.novel_shapes
         parts = ("seeds", "physics", "control", "observation")
         shared = {part: document(getattr(self, part)) for part in parts}
         own = {"task": document(task), "shapes": "" if own_object else self.shapes}
+        if made_of.light != 1.0:
+            own["light"] = made_of.light
         return content_digest({"protocol": self.name, **shared, **own})
 
     @cache  # noqa: B019

@@ -61,7 +61,29 @@ class Dot:
     is_hollow: bool = False
 
 
-Mark = Line | Band | Dot
+@dataclass(frozen=True)
+class Spots:
+    """Round dots of one color, drawn as one path, so that a page of thousands stays small.
+
+    ``size``: their height, drawing units. ``episodes``: the index of each one's episode in the
+    plot's ``source``, () where a reader cannot go to them.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    tone: str
+    size: float
+    episodes: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Rectangles of one color, drawn as one path: left, bottom, right and top of each."""
+
+    boxes: tuple[tuple[float, float, float, float], ...]
+    tone: str
+
+
+Mark = Line | Band | Dot | Spots | Blocks
 
 
 @dataclass(frozen=True)
@@ -75,7 +97,10 @@ class Tick:
 
 @dataclass(frozen=True)
 class Axis:
-    """A linear axis. ``is_names``: its ticks name rows, which need no line and no rules."""
+    """A linear axis from ``low``, at the left or below, to ``high``.
+
+    ``is_names``: its ticks name rows, which need no line and no rules.
+    """
 
     label: str
     low: float
@@ -83,25 +108,39 @@ class Axis:
     ticks: tuple[Tick, ...]
     is_names: bool = False
 
+    @property
+    def span(self) -> float:
+        """Its length."""
+        return abs(self.high - self.low)
+
 
 @dataclass(frozen=True)
 class Chart:
-    """One pair of axes with marks. ``height`` of the area between them, drawing units."""
+    """One pair of axes with marks.
+
+    ``height`` of the area between them, drawing units; None: both axes have one scale.
+    """
 
     x: Axis
     y: Axis
     marks: tuple[Mark, ...]
-    height: float
+    height: float | None
     title: str = ""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """Charts below each other on one x axis, one caption and one description."""
+    """Charts below each other on one x axis, one caption and one description.
+
+    ``note`` is printed below. ``source``: whose episodes its spots are, the number of a run in the
+    page's browser and what precedes the index in an episode's key, as "0 pushing".
+    """
 
     caption: str
     description: str
     charts: tuple[Chart, ...]
+    note: str = ""
+    source: str = ""
 
 
 @dataclass(frozen=True)

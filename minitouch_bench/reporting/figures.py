@@ -25,26 +25,37 @@ SPLIT_OFFSET = 0.17
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""
 
+ENDING_NAMES = {
+    Ending.SUCCEEDED: "succeeded",
+    Ending.TOUCHED_FAILED: "failed",
+    Ending.LEFT: "left",
+    Ending.FAULT: "fault",
+}
+"""Endings with touch, as they fit beside a chart."""
+
 FREE_AIR = 1.0
 """What a finger's force is where it touches nothing, N: its own weight."""
 
 
 def report_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str]
+    sections: Sequence[RunSection], tasks: Sequence[str], *, with_paper: bool = True
 ) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
     figures = (
         charts.Figure(
-            "against-the-paper",
-            "Against the paper",
+            "estimates",
+            "Against the paper" if with_paper else "Estimates",
             "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
-            "other episodes and object sets.",
-            tuple(_estimate_plot(task, sections) for task in tasks),
+            "other episodes and object sets."
+            if with_paper
+            else "Each with its 95 % interval.",
+            tuple(_estimate_plot(task, sections, with_paper=with_paper) for task in tasks),
         ),
         steps_figure({task: _panels(task, sections) for task in goals}),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
         _force_figure(sections, tasks),
+        peak_figure({task: _panels(task, sections) for task in goals}),
     )
     return tuple(figure for figure in figures if figure.plots)
 
@@ -107,11 +118,11 @@ def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis
     return charts.value_axis(label, 1.0 if METRICS[metric].is_fraction else max(values))
 
 
-def _estimate_plot(task: str, sections: Sequence[RunSection]) -> charts.Plot:
+def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: bool) -> charts.Plot:
     """Draw an estimate of each run with its interval, and the paper's values below."""
     metric, title = ranking_metric(task), task_title(task)
     printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, float(text)) for method, text in printed if text]
+    paper = [(method, float(text)) for method, text in printed if text and with_paper]
     marks: list[charts.Mark] = []
     highest = [0.0]
     for row, section in enumerate(sections):
@@ -246,14 +257,13 @@ def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]
 
 def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
     """Draw what the fingers felt over time."""
-    clipped = [f"{PROTOCOL.task(task).force_limit:g} N in {task_title(task)}" for task in tasks]
     text = (
         "The larger of the two fingers' forces at the end of each control step: median (line) and "
         "middle half (band) of the episodes that reached it; faint where fewer than a tenth, or "
         f"fewer than {FEWEST}, are left. A finger in free air reads about {FREE_AIR:g} N, its own "
-        f"weight. Each of a force's three components is clipped at {labels.listed(clipped)}."
+        f"weight. Each of a force's three components is cut off at {labels.force_limits(tasks)}."
     )
-    altered = [one.name for one in sections if one.run.plan.conditions.change_the_forces]
+    altered = [one.name for one in sections if one.run.plan.conditions.changes_forces]
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."
@@ -281,6 +291,59 @@ def _force_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
     return charts.Plot(
         task_title(task), f"{task_title(task)}: force at each control step", (chart,)
     )
+
+
+def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:
+    """Draw peak force by how episodes ended, where two endings have FEWEST episodes with touch.
+
+    ``played`` by task and panel.
+    """
+    plots = []
+    for task, panels in played.items():
+        by_ending = {name: _peaks(rows) for name, rows in panels.items()}
+        shown = {name: peaks for name, peaks in by_ending.items() if len(peaks) > 1}
+        if shown:
+            plots.append(_peak_plot(task, shown))
+    text = (
+        "The largest force of an episode by how it ended, episodes that touched: median (dot), "
+        "middle half (thick) and range (thin) of each ending that has "
+        f"{FEWEST} episodes or more. Each of a force's three components is cut off at "
+        f"{labels.force_limits(tuple(played))}."
+    )
+    return charts.Figure("peak-forces", "How hard it pressed, and the outcome", text, tuple(plots))
+
+
+def _peaks(episodes: Sequence[Episode]) -> dict[Ending, list[float]]:
+    """Return the peak forces (N) of the episodes that touched, by ending."""
+    peaks: dict[Ending, list[float]] = {}
+    for episode in episodes:
+        if episode.peak_force is not None:
+            peaks.setdefault(ending_of(episode), []).append(episode.peak_force)
+    return {ending: peaks[ending] for ending in Ending if len(peaks.get(ending, ())) >= FEWEST}
+
+
+def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]) -> charts.Plot:
+    highest = max(max(peaks) for panel in panels.values() for peaks in panel.values())
+    limit = PROTOCOL.task(task).force_limit
+    x = charts.value_axis("Peak force, N", highest)
+    drawn, cut, touched = [], 0, 0
+    for title, panel in panels.items():
+        marks: list[charts.Mark] = []
+        for row, (ending, peaks) in enumerate(panel.items()):
+            low, lower, median, upper, high = np.percentile(peaks, (0, 25, 50, 75, 100)).tolist()
+            marks.append(charts.Line(((low, row), (high, row)), ending.tone, 1.2))
+            marks.append(charts.Line(((lower, row), (upper, row)), ending.tone, 5, 0.5))
+            marks.append(charts.Dot(median, row, ending.tone))
+            cut += sum(peak >= limit for peak in peaks)
+            touched += len(peaks)
+        names = [f"{ENDING_NAMES[ending]} ({len(peaks)})" for ending, peaks in panel.items()]
+        rows = charts.name_axis(names)
+        drawn.append(charts.Chart(x, rows, tuple(marks), charts.ROW * len(panel), title))
+    note = (
+        f"{cut} of {touched} peaks are at {limit:g} N or above, so possibly larger." if cut else ""
+    )
+    what = f"{task_title(task)}: peak force by ending"
+    return charts.Plot(task_title(task), what, tuple(drawn), note)
 
 
 def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:

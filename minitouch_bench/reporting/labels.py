@@ -10,13 +10,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.episode import IN_MEMORY
-from minitouch_bench.errors import UsageError, numbered, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.tables import Cell, Gauge
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
+from minitouch_bench.text import numbered, printable
 
 CITATION = "“Haptics-based Curiosity for Sparse-reward Tasks”, CoRL 2021, supplement, Table 4"
 CAVEAT = "other episodes and object sets"
@@ -34,11 +35,13 @@ OTHER_UNIT = "other unit"
 MARK = "†"
 """Stands behind such a value in tables, where there is no room for more."""
 
-PAPER_NOTE = (
-    f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION}). "
+PAPER_NOTE = f"{', '.join(PAPER_METHODS)}: the paper's own values, {CAVEAT} ({CITATION})."
+"""Printed below every table with values of the paper."""
+
+MARK_NOTE = (
     f"{MARK} {OTHER_UNIT}: the paper does not say what it counts, so it is compared with nothing."
 )
-"""Printed below every table with values of the paper."""
+"""Printed below every table with a MARK."""
 
 METRICS_OF_UNKNOWN_UNIT = ("touch_interaction",)
 """No unit we tried reproduces the paper's values: random actions reach 550 to 990 ticks in the
@@ -258,6 +261,23 @@ def run_labels(run: Run) -> tuple[str, ...]:
 
 TASKS = (*PAPER_TASKS, *(task for task in TASK_NAMES if task not in PAPER_TASKS))
 """Every task, in the order of every table: the paper's, others after them."""
+
+
+def force_limits(tasks: Sequence[str]) -> str:
+    """Say where the components of a force are cut off, as "±50 N (Pick-up ±200 N)"."""
+    limits = {task: f"±{PROTOCOL.task(task).force_limit:g} N" for task in tasks}
+    usual = max(limits.values(), key=[*limits.values()].count, default="")
+    others = (f"{task_title(task)} {at}" for task, at in limits.items() if at != usual)
+    return f"{usual}{''.join(f' ({other})' for other in others)}"
+
+
+def force_note(tasks: Sequence[str]) -> str:
+    """Say what peak and contact force are bounded by in these tasks."""
+    return (
+        "Peak and contact force: of the finger that feels more, in steps with contact. Each of a "
+        f"force's three components is cut off at {force_limits(tasks)}: near it and above, a "
+        "force was possibly larger."
+    )
 
 
 def listed(names: Sequence[str]) -> str:

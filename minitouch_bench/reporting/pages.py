@@ -20,7 +20,6 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from minitouch_bench.episode import Episode, Outcome, Role
-from minitouch_bench.errors import printable
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
@@ -29,6 +28,7 @@ from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper
 from minitouch_bench.reporting.svg import draw_gauge, draw_plot
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 TEMPLATES = Path(__file__).parent / "templates"
 PICTURES = Path(__file__).parent / "pictures"
@@ -89,8 +89,8 @@ def image_uri(task: str) -> str:
 
 # Cards
 
-BESIDE_SUCCESS = ("episode_steps", "touch_interaction")
-BESIDE_TOUCH = ("touched", "time_to_first_touch")
+BESIDE_SUCCESS = ("episode_steps", "touch_interaction", "peak_force", "contact_force")
+BESIDE_TOUCH = ("touched", "time_to_first_touch", "peak_force", "contact_force")
 """What a card shows beside the value that sums its task up."""
 
 
@@ -117,11 +117,16 @@ class Card:
 
 
 def make_card(
-    task: str, runs: Sequence[tuple[str, Mapping[str, Estimate]]], image: str, rank: str = ""
+    task: str,
+    runs: Sequence[tuple[str, Mapping[str, Estimate]]],
+    image: str,
+    rank: str = "",
+    *,
+    with_paper: bool = True,
 ) -> Card:
     """Compose a task's card of ``runs`` (names, estimates), with the paper's own method."""
     metric = ranking_metric(task)
-    paper = paper_value(task, metric, PAPER_METHODS[0])
+    paper = paper_value(task, metric, PAPER_METHODS[0]) if with_paper else ""
     beside = BESIDE_SUCCESS if task in GOAL_TASKS else BESIDE_TOUCH
     values = tuple(
         CardValue(
@@ -144,8 +149,9 @@ def make_card(
 
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
     estimate = estimates.get(metric)
-    unit = " s" if estimate and METRICS[metric].unit == "s" else ""
-    return estimate_cell(metric, estimate).text + unit
+    unit = METRICS[metric].unit
+    short = f" {unit}" if estimate and unit in ("s", "N") else ""
+    return estimate_cell(metric, estimate).text + short
 
 
 class Ending(StrEnum):

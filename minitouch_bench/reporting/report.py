@@ -6,7 +6,7 @@ CSV and JSON.
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
@@ -17,14 +17,16 @@ from markupsafe import Markup
 from rich.console import Console
 
 from minitouch_bench import files
-from minitouch_bench.errors import UsageError, printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import Figure, series_tone
 from minitouch_bench.reporting.figures import report_figures, split_figures
-from minitouch_bench.reporting.tables import Block, Table
+from minitouch_bench.reporting.maps import MappedTask, start_figure
+from minitouch_bench.reporting.tables import Block, Cell, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Video:
 
 @dataclass(frozen=True)
 class Report:
-    """What every form of a report shows.
+    """What every form of a report shows, ``with_paper`` beside the paper's values.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
     run has both splits. ``episodes``: what the page's browser shows.
@@ -51,6 +53,7 @@ class Report:
     novel_shapes: tuple[Table, ...]
     episodes: Markup
     videos: tuple[Video, ...]
+    with_paper: bool = True
 
 
 def build_report(
@@ -62,6 +65,7 @@ def build_report(
     metrics: Sequence[str] = (),
     directory: Path | None = None,
     viewers: Mapping[str, Path] = MappingProxyType({}),
+    with_paper: bool = True,
 ) -> Report:
     """Compose the report of one or several runs.
 
@@ -69,7 +73,7 @@ def build_report(
     run that this process wrote, by episode.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
-    those of Table 4, () for the usual ones.
+    those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values.
 
     Raises:
         UsageError: no runs; runs of which a task was played by other rules; names that do not fit
@@ -90,13 +94,14 @@ def build_report(
         tasks=tasks,
         metrics=metrics,
         sections=sections,
-        table4=report_tables.table4(sections, tasks, metrics),
+        table4=report_tables.table4(sections, tasks, metrics, with_paper=with_paper),
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
         episodes=pages.browser_data(
             [_browsed(section, directory, viewers) for section in sections], tasks
         ),
         videos=tuple(videos),
+        with_paper=with_paper,
     )
 
 
@@ -168,9 +173,29 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=report_figures(report.sections, report.tasks),
+        figures=(
+            start_map(report),
+            *report_figures(report.sections, report.tasks, with_paper=report.with_paper),
+        ),
         split_figures=split_figures(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
+    )
+
+
+def start_map(report: Report) -> Figure:
+    """Draw where the episodes of each task and run begin and how they end."""
+    is_single = len(report.sections) == 1
+    return start_figure(
+        [
+            MappedTask(
+                task,
+                labels.task_title(task) + ("" if is_single else f": {section.name}"),
+                [[row for row in section.run.rows if row.task == task]],
+                f"{index} {task}",
+            )
+            for task in report.tasks
+            for index, section in enumerate(report.sections)
+        ]
     )
 
 
@@ -180,7 +205,7 @@ def report_card(report: Report, task: str) -> pages.Card:
     for section in report.sections:
         summary = report_tables.task_summary(section.run, task)
         runs.append((section.name, summary.estimates if summary else {}))
-    return pages.make_card(task, runs, pages.image_uri(task))
+    return pages.make_card(task, runs, pages.image_uri(task), with_paper=report.with_paper)
 
 
 def view_directory(run: Path) -> Path:
@@ -197,12 +222,12 @@ def view_directory(run: Path) -> Path:
 # The terminal
 
 
-def show_report(report: Report, console: Console) -> None:
-    """Print the tables."""
-    tables.show(report_blocks(report), console)
+def show_report(report: Report, console: Console, *, diagnostics: bool = False) -> None:
+    """Print the tables, ``diagnostics`` among them if asked for."""
+    tables.show(report_blocks(report, diagnostics=diagnostics), console)
 
 
-def report_blocks(report: Report) -> Iterator[Block]:
+def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Block]:
     """Yield the tables with their notes; a table's blocks of columns come one after the other."""
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
@@ -210,6 +235,9 @@ def report_blocks(report: Report) -> Iterator[Block]:
         for group, _ in table.groups:
             yield replace(table.block(group), title=f"{table.title}: {group}")
         yield from _notes(table)
+    if diagnostics:
+        yield report.diagnostics
+        yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
     yield from (line for section in report.sections for line in labels.fault_lines(section))
@@ -241,7 +269,7 @@ def table4_latex(report: Report) -> str:
     suites = labels.listed([*dict.fromkeys(one.run.plan.suite for one in report.sections)])
     beside = ", beside the paper" if any(c.is_paper for c in report.table4.columns) else ""
     caption = f"MiniTouch, protocol {protocol}, suite {suites}{beside}."
-    return tables.table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
+    return table_latex(report.table4, f"{caption} {report.table4.caption}".rstrip())
 
 
 def table4_csv(report: Report) -> str:
@@ -275,9 +303,91 @@ def _table4_rows(report: Report) -> Iterator[tuple[Any, ...]]:
             if estimate := report_tables.find_estimate(section.run, task, metric):
                 source = f"run ({known})" if known else "run"
                 yield (section.name, task, metric, *astuple(estimate), source)
-        for method in labels.PAPER_METHODS:
+        for method in labels.PAPER_METHODS if report.with_paper else ():
             if printed := labels.paper_value(task, metric, method):
                 is_other = metric in labels.METRICS_OF_UNKNOWN_UNIT
                 known = f"{labels.OTHER_UNIT}, {labels.CAVEAT}" if is_other else labels.CAVEAT
                 source = f"paper ({known})"
                 yield (method, task, metric, float(printed), None, None, None, "", source)
+
+
+# LaTeX, in the style of the package booktabs
+
+LATEX_HEAD = r"""% \usepackage{booktabs,graphicx}
+\begin{table}
+  \centering\small\setlength{\tabcolsep}{4pt}"""
+SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+"""Makes what follows as narrow as the page, where it is wider."""
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        "\u2014": "---",
+        "\u2191": r"$\uparrow$",
+        "\u2193": r"$\downarrow$",
+        "\u2020": r"\textdagger{}",
+        "\u00b2": r"\textsuperscript{2}",
+        "\u2264": r"$\leq$",
+        "\u2265": r"$\geq$",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+    }
+)
+
+
+def escape_tex(text: str) -> str:
+    """Return the text so that LaTeX prints it and runs none of it."""
+    return printable(text).translate(_LATEX)
+
+
+def table_latex(table: Table, caption: str) -> str:
+    """Write a table as a float, its blocks below each other so that it fits a page.
+
+    The blocks must have the same columns. Intervals and units are printed on a line of small print.
+    """
+    blocks = [table.block(group) for group, _ in table.groups]
+    columns = blocks[0].columns if blocks else ()
+    width = len(table.corner) + len(columns)
+    names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
+    units = ["paper" if column.is_paper else column.unit for column in columns]
+    lines = [
+        LATEX_HEAD,
+        rf"  \caption{{{escape_tex(caption)}}}",
+        f"  {SHRINK}",
+        rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
+        r"    \toprule",
+        _latex_row([*map(escape_tex, table.corner), *names]),
+        *([_latex_small([*[""] * len(table.corner), *units])] if any(units) else []),
+    ]
+    for block in blocks:
+        lines.append(r"    \midrule")
+        if block.title:
+            name = rf"\textbf{{{escape_tex(block.title)}}}"
+            lines.append(rf"    \multicolumn{{{width}}}{{l}}{{{name}}} \\")
+        for row in block.rows:
+            lines.append(_latex_row((*map(escape_tex, row.heads), *map(_latex_cell, row.cells))))
+            small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
+            if any(small):
+                lines.append(_latex_small(small))
+    lines += [r"    \bottomrule", r"  \end{tabular}}"]
+    lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
+    return "\n".join([*lines, r"\end{table}", ""])
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = escape_tex(cell.text)
+    return rf"\textbf{{{text}}}" if cell.is_best else text
+
+
+def _latex_small(texts: Sequence[str]) -> str:
+    return _latex_row(rf"\scriptsize {escape_tex(text)}" if text else "" for text in texts)
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    line = " & ".join(cells)
+    # A bracket at the start of a line would be read as an option of the \\ before it.
+    return f"    {'{}' if line.startswith('[') else ''}{line} \\\\"

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import printable
+from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import (
     METRICS,
     NO_DIRECTION,
@@ -20,6 +20,7 @@ from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
 from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import printable
 
 DIAGNOSTIC_METRICS = metrics_shown_in(ShownIn.DIAGNOSTICS)
 
@@ -50,10 +51,34 @@ def find_generalization(run: Run, task: str) -> Generalization | None:
     return next((result for result in run.summary.generalization if result.task == task), None)
 
 
-def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str]) -> Table:
-    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy."""
-    is_printed = any(labels.paper_value(*names, "HaC") for names in product(tasks, metrics))
-    methods = labels.PAPER_METHODS if is_printed else ()
+def table4(
+    sections: Sequence[RunSection],
+    tasks: Sequence[str],
+    metrics: Sequence[str],
+    *,
+    with_paper: bool = True,
+) -> Table:
+    """Lay the runs out as Table 4: metrics down, tasks across, a column per policy.
+
+    A task of which nothing is known has no columns.
+
+    Raises:
+        UsageError: that is so of every task.
+    """
+    printed = {
+        task
+        for task, metric in product(tasks, metrics)
+        if with_paper and labels.paper_value(task, metric, "HaC")
+    }
+    methods = labels.PAPER_METHODS if printed else ()
+    tasks = [
+        task
+        for task in tasks
+        if task in printed
+        or any(find_estimate(one.run, task, metric) for one in sections for metric in metrics)
+    ]
+    if not tasks:
+        raise UsageError("no run has a value of these metrics in these tasks")
     columns: list[Column] = []
     for task in tasks:
         columns += (Column(section.marked_name, task_title(task)) for section in sections)
@@ -71,11 +96,16 @@ def table4(sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequen
         *_label_notes(sections),
         f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
-        *([labels.PAPER_NOTE] if is_printed else []),
+        *([labels.PAPER_NOTE] if printed else []),
+        *([labels.MARK_NOTE] if _has_mark(rows) else []),
     )
     has_best = any(cell.is_best for row in rows for cell in row.cells)
     caption = BEST_NOTE if has_best else ""
     return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes, caption)
+
+
+def _has_mark(rows: Sequence[Row]) -> bool:
+    return any(labels.MARK in cell.text for row in rows for cell in row.cells)
 
 
 def _shared_unit(metric: str) -> str:
@@ -127,6 +157,7 @@ def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
             *_label_notes(sections),
             "First touch: mean over the episodes that touched. Object movement: variance over "
             "the episode of the object's position, or of the door's angle.",
+            labels.force_note(tasks),
         ),
     )
 

@@ -46,7 +46,10 @@ class PlotArea:
     @property
     def bottom(self) -> float:
         """The height of the x axis."""
-        return self.top + self.chart.height
+        if self.chart.height is not None:
+            return self.top + self.chart.height
+        across = (self.right - self.left - 2 * self.pad) / self.chart.x.span
+        return self.top + across * self.chart.y.span + 2 * self.pad
 
     def x(self, value: float) -> float:
         """Return where a value of the x axis stands."""
@@ -115,8 +118,9 @@ def draw_plot(plot: charts.Plot) -> Markup:
         center = min(max((left + right) / 2, half), WIDTH - half)
         parts.append(_text(center, bottom + 31, label, "middle"))
         height += LABEL
+    source = f' data-source="{html.escape(plot.source)}"' if plot.source else ""
     return Markup(
-        f'<svg class="drawing" viewBox="0 0 {WIDTH} {_n(height)}" '
+        f'<svg class="drawing" viewBox="0 0 {WIDTH} {_n(height)}"{source} '
         f'role="img" aria-label="{html.escape(plot.description)}">{"".join(parts)}</svg>'
     )
 
@@ -164,6 +168,20 @@ def _mark(frame: PlotArea, mark: charts.Mark) -> Iterator[str]:
             yield _path(f"area {mark.tone}", outline, _faint(mark.opacity))
         case charts.Dot():
             yield _dot(mark, frame.x(mark.x), frame.y(mark.y))
+        case charts.Spots():
+            drawn = "".join(f"M{_n(frame.x(x))} {_n(frame.y(y))}h0" for x, y in mark.points)
+            links = f' data-episodes="{" ".join(map(str, mark.episodes))}"' if mark.episodes else ""
+            size = f'stroke-width="{_n(mark.size)}"'
+            yield f'<path class="spots {mark.tone}" {size}{links} d="{drawn}"/>'
+        case charts.Blocks():
+            drawn = "".join(_box(frame, *box) for box in mark.boxes)
+            yield f'<path class="area {mark.tone}" d="{drawn}"/>'
+
+
+def _box(frame: PlotArea, left: float, bottom: float, right: float, top: float) -> str:
+    x, y = frame.x(left), frame.y(top)
+    across, down = _n(frame.x(right) - x), _n(frame.y(bottom) - y)
+    return f"M{_n(x)} {_n(y)}h{across}v{down}H{_n(x)}Z"
 
 
 def _faint(opacity: float) -> str:

@@ -1,4 +1,4 @@
-"""A table as data, and how a terminal, Markdown, LaTeX and CSV show it; a page has a macro.
+"""A table as data, and how a terminal, Markdown and CSV show it; a page has a macro.
 
 A text for a terminal or for Markdown is a list of blocks: headings, lines, tables and notes.
 """
@@ -20,7 +20,7 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from minitouch_bench.errors import printable
+from minitouch_bench.text import printable
 
 ABSENT = "—"
 """Written where a value does not exist; 0 would be a claim."""
@@ -234,8 +234,9 @@ class _ScreenColumn:
 
     @property
     def head(self) -> str:
-        """Its name."""
-        return f"{self.column.label}\n(paper)" if self.column.is_paper else self.column.label
+        """Its name, and its unit below."""
+        below = "(paper)" if self.column.is_paper else self.column.unit
+        return f"{self.column.label}\n{below}".rstrip()
 
     @property
     def width(self) -> int:
@@ -365,88 +366,6 @@ def _markdown_cell(cell: Cell) -> str:
 
 def _markdown_row(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
-
-
-# LaTeX, in the style of the package booktabs
-
-LATEX_HEAD = r"""% \usepackage{booktabs,graphicx}
-\begin{table}
-  \centering\small\setlength{\tabcolsep}{4pt}"""
-SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
-"""Makes what follows as narrow as the page, where it is wider."""
-
-_LATEX = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        **{character: f"\\{character}" for character in "&%$#_{}"},
-        "\u2014": "---",
-        "\u2191": r"$\uparrow$",
-        "\u2193": r"$\downarrow$",
-        "\u2020": r"\textdagger{}",
-        "\u00b2": r"\textsuperscript{2}",
-        "\u2264": r"$\leq$",
-        "\u2265": r"$\geq$",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-    }
-)
-
-
-def escape_tex(text: str) -> str:
-    """Return the text so that LaTeX prints it and runs none of it."""
-    return printable(text).translate(_LATEX)
-
-
-def table_latex(table: Table, caption: str) -> str:
-    """Write a table as a float, its blocks below each other so that it fits a page.
-
-    The blocks must have the same columns. Intervals and units are printed on a line of small print.
-    """
-    blocks = [table.block(group) for group, _ in table.groups]
-    columns = blocks[0].columns if blocks else ()
-    width = len(table.corner) + len(columns)
-    names = [(r"\textit{%s}" if c.is_paper else "%s") % escape_tex(c.label) for c in columns]
-    units = ["paper" if column.is_paper else column.unit for column in columns]
-    lines = [
-        LATEX_HEAD,
-        rf"  \caption{{{escape_tex(caption)}}}",
-        f"  {SHRINK}",
-        rf"  \begin{{tabular}}{{{'l' * len(table.corner)}{'r' * len(columns)}}}",
-        r"    \toprule",
-        _latex_row([*map(escape_tex, table.corner), *names]),
-        *([_latex_small([*[""] * len(table.corner), *units])] if any(units) else []),
-    ]
-    for block in blocks:
-        lines.append(r"    \midrule")
-        if block.title:
-            name = rf"\textbf{{{escape_tex(block.title)}}}"
-            lines.append(rf"    \multicolumn{{{width}}}{{l}}{{{name}}} \\")
-        for row in block.rows:
-            lines.append(_latex_row((*map(escape_tex, row.heads), *map(_latex_cell, row.cells))))
-            small = [*[""] * (len(row.heads) - 1), row.unit, *(cell.small for cell in row.cells)]
-            if any(small):
-                lines.append(_latex_small(small))
-    lines += [r"    \bottomrule", r"  \end{tabular}}"]
-    lines += [rf"  \par\parbox{{\linewidth}}{{\footnotesize {escape_tex(n)}}}" for n in table.notes]
-    return "\n".join([*lines, r"\end{table}", ""])
-
-
-def _latex_cell(cell: Cell) -> str:
-    text = escape_tex(cell.text)
-    return rf"\textbf{{{text}}}" if cell.is_best else text
-
-
-def _latex_small(texts: Sequence[str]) -> str:
-    return _latex_row(rf"\scriptsize {escape_tex(text)}" if text else "" for text in texts)
-
-
-def _latex_row(cells: Iterable[str]) -> str:
-    line = " & ".join(cells)
-    # A bracket at the start of a line would be read as an option of the \\ before it.
-    return f"    {'{}' if line.startswith('[') else ''}{line} \\\\"
 
 
 # CSV

@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import Film, Outcome
-from minitouch_bench.errors import numbered, printable
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
-from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.pages import TEMPLATES, ending_of, render_page
+from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.labels import run_names, task_title
+from minitouch_bench.reporting.pages import TEMPLATES, Ending, ending_of, render_page
 from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import numbered, printable
 
 TOUCH_COLUMNS = (
     "end_effector_x_m", "end_effector_y_m", "end_effector_z_m",
@@ -134,9 +135,9 @@ def _given_columns(film: Film, conditions: Perturbation) -> dict[str, list[float
 
     T + 1 values per column; none at the end, since no action follows.
     """
-    if not conditions.change_the_forces:
+    if not conditions.changes_forces:
         return {}
-    changed = slice(None) if "touch" in conditions.without else PROTOCOL.observation.forces
+    changed = slice(None) if conditions.changes_touch else PROTOCOL.observation.forces
     given = (_in_units(film.touch).round(6) + 0.0).T.tolist()
     rest = [None] * (len(film.scenes) - len(film.touch))
     names = [f"given_{name}" for name in TOUCH_COLUMNS[changed]]
@@ -183,34 +184,77 @@ class EpisodePage:
         return f'<iframe title="{title}" srcdoc="{content}" style="{style}"></iframe>'
 
 
-def episode_page(run: Run, film: Film, *, is_as_recorded: bool) -> EpisodePage:
-    """Compose the page of an episode; ``is_as_recorded``: the replay gave the recorded bits."""
-    spec, columns = film.played.spec, episode_columns(film, run.plan.conditions)
+@dataclass(frozen=True)
+class ReplayedEpisode:
+    """An episode of a run, filmed; ``is_as_recorded``: the replay gave the recorded bits."""
+
+    run: Run
+    film: Film
+    is_as_recorded: bool
+
+    @property
+    def ending(self) -> Ending:
+        """How the replay ended."""
+        return ending_of(measure(self.film.played))
+
+    @property
+    def words(self) -> str:
+        """How it ended in one sentence, with the likeliest reason where it failed."""
+        fault = self.run.faults.get(self.film.played.spec.key, "")
+        return ending_in_words(self.film, printable(fault))
+
+    @property
+    def conditions(self) -> Perturbation:
+        """The conditions, with the light of the suite."""
+        return self.run.plan.conditions_in_light()
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether the policy saw the scene in its usual light."""
+        return self.conditions.light in (None, (1.0, 1.0))
+
+    def track(self, name: str) -> Mapping[str, Any]:
+        """Return what the page's script draws."""
+        progress = quantity_of(self.film)
+        return {
+            "name": name,
+            "columns": episode_columns(self.film, self.run.plan.conditions),
+            "progress": asdict(progress) | {"values": progress.values.round(3).tolist()},
+            "marks": list(_marks(self.film)),
+            "scenes": _sprite(self.film.scenes, quality=SCENE_QUALITY),
+            "images": _sprite(self.film.images, lossless=True),
+        }
+
+
+def episode_page(
+    run: Run, film: Film, *, is_as_recorded: bool, beside: ReplayedEpisode | None = None
+) -> EpisodePage:
+    """Compose the page of an episode; ``is_as_recorded``: the replay gave the recorded bits.
+
+    ``beside``: the same episode in another run, on the same time axis.
+    """
+    spec = film.played.spec
     title = f"{task_title(spec.task)}, episode {spec.index}"
-    marks = list(_marks(film))
+    shown = [ReplayedEpisode(run, film, is_as_recorded), *([beside] if beside else [])]
+    names = run_names([one.run for one in shown])
     data = {
-        "columns": columns,
-        "progress": asdict(quantity_of(film))
-        | {"values": quantity_of(film).values.round(3).tolist()},
         "limit": PROTOCOL.task(spec.task).force_limit,
-        "marks": marks,
-        "scenes": _sprite(film.scenes, quality=SCENE_QUALITY),
-        "images": _sprite(film.images, lossless=True),
+        "tracks": [one.track(name) for one, name in zip(shown, names, strict=True)],
     }
     html = render_page(
         TEMPLATES / "viewer.html.j2",
         ("viewer.css",),
         ("theme.js", "viewer.js"),
         title=title,
+        shown=shown,
+        names=names,
+        tones=[series_tone(index) for index in range(len(shown))],
         run=run,
         spec=spec,
         goal=_goal(spec.task),
-        ending=marks[-1],
-        words=ending_in_words(film, printable(run.faults.get(spec.key, ""))),
-        is_as_recorded=is_as_recorded,
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
     )
-    return EpisodePage(f"{run.name}: {title}", html)
+    return EpisodePage(f"{' beside '.join(one.run.name for one in shown)}: {title}", html)
 
 
 def _goal(task: str) -> str:

@@ -21,13 +21,14 @@ from minitouch_bench.episode import (
     Start,
     Trace,
 )
-from minitouch_bench.errors import RunDirectoryError, plain_line
+from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.json_io import read_json
 from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
 from minitouch_bench.runs.run import RunHeader, read_run
+from minitouch_bench.text import plain_line
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
 """Bytes; the largest run, 10,000 episodes per task in both roles, takes 1.2 GiB."""

@@ -7,11 +7,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
-from minitouch_bench.errors import UsageError, numbered
+from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import (
@@ -25,6 +26,7 @@ from minitouch_bench.protocol.minitouch import (
 )
 from minitouch_bench.protocol.spec import CUBE, Split, SuiteSpec
 from minitouch_bench.shapegen import manifest
+from minitouch_bench.text import numbered
 
 NAMED_IN_LABEL = 6
 """Chosen episodes that a label names; the rest are counted."""
@@ -117,6 +119,13 @@ class Plan:
     conditions: Perturbation = UNPERTURBED
     limits: PolicyLimits = USUAL_LIMITS
     objects: PlannedObjects | UnsetType = UNSET
+
+    def conditions_in_light(self) -> Perturbation:
+        """Return the conditions with the light that the suite has, unless they name another."""
+        light = PROTOCOL.suite(self.suite).light
+        if light == 1.0 or self.conditions.light is not None:
+            return self.conditions
+        return msgspec.structs.replace(self.conditions, light=(light, light))
 
     @lru_cache(maxsize=8)  # noqa: B019  a plan is a value, and of few runs
     def specs(self, *, exploration: bool = False) -> tuple[EpisodeSpec, ...]:
@@ -289,6 +298,8 @@ def make_plan(
     seed = known.seed if seed is None else seed
     if not 1 <= number <= MAX_EPISODES or seed < 0:
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
+    if conditions.light == (known.light, known.light):
+        conditions = msgspec.structs.replace(conditions, light=None)
     if not chosen and tasks is None:
         tasks = _usual_tasks(known, with_objects=objects is not None)
     plan = Plan(
@@ -318,7 +329,7 @@ def choose_tasks(asked: Sequence[str] | None, suite: SuiteSpec) -> tuple[str, ..
     if unknown or not asked:
         raise UsageError(
             f"no task '{unknown[0] if unknown else ''}' in suite {suite.name}; "
-            f"its tasks are {', '.join(suite.tasks)}"
+            f"its tasks are {', '.join(suite.tasks)}{suite.lacks and f' ({suite.lacks})'}"
         )
     return tuple(name for name in suite.tasks if name in asked)
 

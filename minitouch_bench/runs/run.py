@@ -3,7 +3,6 @@
 Everything people look at is a view of it, and every check works on it.
 """
 
-import gzip
 import hashlib
 import os
 import zlib
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING, Final, Literal
 from minitouch_bench import files
 from minitouch_bench.episode import (
     IN_MEMORY,
-    Count,
     Episode,
     EpisodeSpec,
     PlayedEpisode,
@@ -24,22 +22,21 @@ from minitouch_bench.episode import (
     Role,
     Sha256,
 )
-from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError, printable
+from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, UsageError
 from minitouch_bench.json_io import read_json, write_json
+from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import (
     Summary,
     TaskResult,
-    episodes_frame,
     measure,
-    results_html,
     summarize,
-    table4_frame,
     with_curves,
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan, first_of
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,20 +114,6 @@ def make_header(
     )
 
 
-@dataclass(frozen=True)
-class RunEnvironment:
-    """Where and when a run was made; never part of its numbers.
-
-    ``started`` and ``wall_s`` (seconds) are those of its last part where it was resumed.
-    """
-
-    packages: Mapping[str, str]
-    machine: Mapping[str, str]
-    workers: Count
-    started: str
-    wall_s: float
-
-
 # Apart from ``Run``, whose ``episodes`` are a frame for Python users: here they are rows.
 @dataclass(frozen=True)
 class RunDocument:
@@ -194,11 +177,15 @@ class Run:
     @property
     def episodes(self) -> "pd.DataFrame":
         """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
+        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
+
         return episodes_frame(self.rows)
 
     @property
     def exploration_episodes(self) -> "pd.DataFrame":
         """The episodes of the exploration policy; no rows without one."""
+        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
+
         return episodes_frame(self.exploration_rows)
 
     def table4(self) -> "pd.DataFrame":
@@ -206,6 +193,8 @@ class Run:
 
         Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
         """
+        from minitouch_bench.metrics.frames import table4_frame  # noqa: PLC0415  pandas
+
         return table4_frame(self.summary)
 
     def __getitem__(self, task: str) -> TaskResult:
@@ -224,6 +213,8 @@ class Run:
         return "\n\n".join([printable(title), *(str(one) for one in self.summary.tasks)])
 
     def _repr_html_(self) -> str:
+        from minitouch_bench.metrics.frames import results_html  # noqa: PLC0415  pandas
+
         return results_html(str(self).partition("\n")[0], self.summary.tasks)
 
     def __repr__(self) -> str:
@@ -410,8 +401,8 @@ def read_run(directory: Path) -> Run:
     try:
         content = files.read_file(file)
         if file.name == files.PACKED_RUN_FILE:
-            content = gzip.decompress(content)
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            content = files.unpack(content)
+    except zlib.error as error:
         raise RunDirectoryError(f"{file} is damaged: {error}") from error
     except FileNotFoundError as error:
         if (file.parent / files.JOURNAL_FILE).exists():

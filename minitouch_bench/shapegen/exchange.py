@@ -56,6 +56,7 @@ NOT_WATERTIGHT = (
     "not a watertight mesh; repair it in another program, such as Blender (3D Print Toolbox) "
     "or MeshLab, and import it again"
 )
+NO_SOLID = "no solid can be made of its surface, or too little memory is left"
 HOLLOW = "hollow, with a closed cavity inside; fill the cavity, or cut an opening into it"
 NO_VOLUME = "its surface encloses no volume"
 CROSSING = "its faces cross each other, so that it encloses no certain volume; repair it"
@@ -180,7 +181,11 @@ def _import_all(
     ]
     answers: dict[int, Imported] = {}
     for place, answer in run_in_workers(
-        import_in_worker, tasks, workers, name=lambda t: str(t[0]), ended=_worker_ended
+        import_in_worker,
+        tasks,
+        workers,
+        name=lambda task: str(task[0]),
+        ended=lambda text: (f"{NO_SOLID}: {text}", {}, b""),
     ):
         answers[place] = answer
         progress(len(answers), len(tasks))
@@ -204,10 +209,6 @@ def _limit_memory() -> None:
         mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         resource.setrlimit(resource.RLIMIT_AS, (mapped + MOST_MEMORY, hard))
-
-
-def _worker_ended(text: str) -> Imported:
-    return f"no solid can be made of its surface, or too little memory is left: {text}", {}, b""
 
 
 def import_one(task: tuple[Path, ImportConfig]) -> Imported:
@@ -355,9 +356,9 @@ def _solid_of(mesh: Mesh) -> solids.Solid:
     if len(parts) > MOST_PARTS:
         raise UnreadableError(f"{len(parts)} separate surfaces, at most {MOST_PARTS}")
     if solid.volume() < 0.0:
-        parts = [_turned(part) for part in parts]
+        parts = [solids.turned(part) for part in parts]
     bodies = [part for part in parts if part.volume() > 0.0]
-    inward = [_turned(part) for part in parts if part.volume() < 0.0]
+    inward = [solids.turned(part) for part in parts if part.volume() < 0.0]
     if sum(part.volume() for part in (*bodies, *inward)) < FLAT * float(mesh.extents.max()) ** 3:
         raise UnreadableError(NO_VOLUME)
     whole, cavities = solids.union(bodies), 0.0
@@ -368,23 +369,13 @@ def _solid_of(mesh: Mesh) -> solids.Solid:
             bodies.append(part)
     if len(bodies) > 1:
         # Grown by a thousandth on each side, hulls that only touch become one body.
-        joined = solids.union([_grown(part, 1.002) for part in bodies]).decompose()
+        joined = solids.union([solids.grown(part, 1.002) for part in bodies]).decompose()
         bodies = [part for part in joined if part.volume() > 0.0]
         whole = solids.union(bodies)
         cavities -= sum(part.volume() for part in joined if part.volume() < 0.0)
     if cavities > MOST_HOLLOW * whole.volume():
         raise UnreadableError(HOLLOW)
     return whole
-
-
-def _turned(part: solids.Solid) -> solids.Solid:
-    mesh = solids.to_mesh(part)
-    return solids.to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-
-
-def _grown(part: solids.Solid, factor: float) -> solids.Solid:
-    middle = np.array(part.bounding_box()).reshape(2, 3).mean(axis=0)
-    return part.translate((-middle).tolist()).scale([factor] * 3).translate(middle.tolist())
 
 
 def _plain_names(sources: Iterable[str]) -> list[str]:
@@ -418,9 +409,8 @@ def export_shapes(shapes: ShapeSet, folder: Path, form: str, split: str | None =
     return written
 
 
-def _obj(body: Body, name: str) -> dict[str, bytes]:
-    return {f"{name}.obj": obj_text((body.visual,)).encode()}
-
-
-WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {"urdf": body_files, "obj": _obj}
+WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {
+    "urdf": body_files,
+    "obj": lambda body, name: {f"{name}.obj": obj_text((body.visual,)).encode()},
+}
 """Every export format by name: from a body and its name to file names and their bytes."""

@@ -40,6 +40,18 @@ def union(solids: list[Solid]) -> Solid:
     return Solid.batch_boolean(solids, manifold3d.OpType.Add)
 
 
+def turned(solid: Solid) -> Solid:
+    """Return a solid whose inside is outside."""
+    mesh = to_mesh(solid)
+    return to_solid(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+
+
+def grown(solid: Solid, factor: float) -> Solid:
+    """Return a solid scaled around the middle of its box."""
+    middle = np.array(solid.bounding_box()).reshape(2, 3).mean(axis=0)
+    return solid.translate((-middle).tolist()).scale([factor] * 3).translate(middle.tolist())
+
+
 def symmetric_difference(first: Solid, second: Solid) -> float:
     """Return the volume that belongs to one of two solids only."""
     return float((first - second).volume() + (second - first).volume())

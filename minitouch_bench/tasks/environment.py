@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import Observation, Outcome, Start
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import checked
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.perturbation import AS_USUAL, UNPERTURBED, Perturbation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
@@ -55,7 +55,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
     ``max_steps``: control steps after which an episode ends; None takes the task's. Of an
     environment that ``gymnasium.make`` returns, ``max_episode_steps`` is the limit.
-    ``perturbation`` may change the object's mass and friction and turn the camera.
+    ``perturbation`` may change the object's mass and friction, the fingers' motor force, and turn
+    the camera; what it changes in the senses, an evaluation does.
 
     ``info`` has the same keys in ``reset`` and ``step``, with numpy values only:
     ``is_success`` and ``success``; ``outcome``, an index of ``OUTCOMES``; ``ticks``,
@@ -93,7 +94,8 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         spec = self.task.spec
         self._max_steps = max_steps or spec.max_steps
         self.perturbation = perturbation
-        self._factors = 1.0, 1.0  # on mass and friction
+        self.drawn = AS_USUAL
+        """What this episode has of ``perturbation``."""
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
@@ -114,10 +116,9 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         super().reset(seed=seed)
         client, task = self.client, self.task
         if self.perturbation != UNPERTURBED:
-            mass, friction, degrees = self.perturbation.draw(self.np_random.spawn(1)[0])
-            self._factors = mass, friction
+            self.drawn = self.perturbation.draw(self.np_random.spawn(1)[0])
             camera = task.spec.camera
-            self._camera = GrayCamera(replace(camera, yaw=camera.yaw + degrees))
+            self._camera = GrayCamera(replace(camera, yaw=camera.yaw + self.drawn.camera))
         model = self._choose_object(options or {})
         self.object_name = model.name if model else ""
         least = OBSERVATION.least_visible_pixels
@@ -201,9 +202,12 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         table = add_table(client)
         self._camera.keep_background(client, table, task.add_scenery(client))
         task.add_object(client)
-        if self._factors != (1.0, 1.0):
-            client.scale_body(task.target_body, task.target_links, *self._factors)
-        self.arm = PandaArm(client, self._kinematics, task.spec.arm)
+        factors = self.drawn.mass, self.drawn.friction
+        if factors != (1.0, 1.0):
+            client.scale_body(task.target_body, task.target_links, *factors)
+        left, right = (self.drawn.grip * force for force in task.spec.arm.motor_force)
+        arm = replace(task.spec.arm, motor_force=(left, right))
+        self.arm = PandaArm(client, self._kinematics, arm)
         task.place_arm(self.arm)
 
     def _choose_object(self, options: dict[str, Any]) -> ObjectModel | None:

@@ -16,13 +16,14 @@ import numpy as np
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import InfrastructureError, MiniTouchError
-from minitouch_bench.evaluation.policy_setup import Recording
-from minitouch_bench.evaluation.rollout import EpisodeRunner, LocalEngine
+from minitouch_bench.evaluation.engine import LocalEngine
+from minitouch_bench.evaluation.policy_setup import Recording, try_policy
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import cache_directory, cache_file
 from minitouch_bench.machine import extras, installed_versions
 from minitouch_bench.policies.kernel import supported_abi
 from minitouch_bench.policies.policy import zero_observation
-from minitouch_bench.policies.policy_process import isolate, try_policy
+from minitouch_bench.policies.policy_process import isolate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from minitouch_bench.episode import Observation
-from minitouch_bench.errors import PolicyLoadError, UsageError, describe
+from minitouch_bench.errors import PolicyLoadError, UsageError
+from minitouch_bench.evaluation.policy_setup import kept_generators
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import write_file
 from minitouch_bench.policies.forkserver import seed_everything
@@ -27,12 +28,13 @@ from minitouch_bench.policies.policy import (
     action_size,
     zero_observation,
 )
-from minitouch_bench.policies.policy_process import isolate, kept_generators
+from minitouch_bench.policies.policy_process import isolate
 from minitouch_bench.policies.python_objects import digest_object, keep_in_memory
 from minitouch_bench.policies.torch_programs import ModulePolicy
 from minitouch_bench.protocol.spec import fit_action
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.text import describe
 
 SUFFIX = ".pt2"
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minitouch_bench.episode import EpisodeSpec, Film, Observation, PlayedEpisode, Role
-from minitouch_bench.errors import RunDirectoryError, numbered
+from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.evaluation.rollout import run_episode
@@ -24,9 +24,15 @@ from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Policy
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.reporting.viewer import EpisodePage, episode_csv, episode_page
+from minitouch_bench.reporting.viewer import (
+    EpisodePage,
+    ReplayedEpisode,
+    episode_csv,
+    episode_page,
+)
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.text import numbered, printable
 from minitouch_bench.verification.replay_check import is_as_recorded
 from minitouch_bench.verification.static_check import refuse_unplayable
 
@@ -67,7 +73,7 @@ def film_episode(
     world = MiniTouchEnv(
         spec.task,
         plan.load_objects(),
-        perturbation=plan.conditions,
+        perturbation=plan.conditions_in_light(),
         width=width,
         height=height,
     )
@@ -122,10 +128,32 @@ def show_episode(run: Run, key: str) -> EpisodePage:
         UsageError: the run has no such episode, or cannot be replayed here.
         RunDirectoryError: a file of it is missing or damaged.
     """
+    one = replay_episode(run, key)
+    return episode_page(one.run, one.film, is_as_recorded=one.is_as_recorded)
+
+
+def replay_episode(run: Run, key: str) -> ReplayedEpisode:
+    """Film an episode of a run, called as ``pushing/17``.
+
+    Raises:
+        UsageError: the run has no such episode, or cannot be replayed here.
+        RunDirectoryError: a file of it is missing or damaged.
+    """
     refuse_unplayable(run)
     spec, _ = run.find(key)
     film = film_episode(Recording.of(run, [spec]), spec)
-    return episode_page(run, film, is_as_recorded=is_as_recorded(run, film.played))
+    return ReplayedEpisode(run, film, is_as_recorded(run, film.played))
+
+
+def refuse_other_scene(key: str, first: Run, second: Run) -> None:
+    """Raise a ``UsageError`` unless both runs hold the same episode, played by the same rules."""
+    (one, _), (other, _) = first.find(key), second.find(key)
+    is_same = (one.seed, one.shape) == (other.seed, other.shape)
+    if not is_same or one.task in first.header.rules_differ(second.header):
+        raise UsageError(
+            f"{key} is not the same episode in '{printable(first.place)}' and "
+            f"'{printable(second.place)}': their seeds, shapes or rules differ"
+        )
 
 
 def film_to_files(run: Run, job: tuple[EpisodeSpec, Iterable[Path]]) -> PlayedEpisode:
@@ -172,8 +200,10 @@ def film_run(
     ):
         for spec in specs:
             jobs[spec].append(make_folder(directory / folder) / view_name(spec.key, suffix))
+    if not jobs:
+        return {}
     workers = min(workers, core_count())
-    callbacks.note(f"the report is written; filming {numbered(len(jobs), 'episode')}")
+    callbacks.note(f"filming {numbered(len(jobs), 'episode')}")
     callbacks.phase("filming", len(jobs))
     longest_first = sorted(jobs.items(), key=lambda job: -len(run.actions_of(job[0].key)))
     for _, played in run_in_workers(

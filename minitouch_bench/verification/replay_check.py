@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from minitouch_bench.episode import Episode, EpisodeSpec, Outcome, PlayedEpisode, Role
-from minitouch_bench.errors import IncompleteCheckError, UsageError, numbered
+from minitouch_bench.errors import IncompleteCheckError, UsageError
 from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
 from minitouch_bench.metrics.summary import measure, with_curves
@@ -14,6 +14,7 @@ from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
 from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import numbered
 from minitouch_bench.verification.static_check import Problem
 
 

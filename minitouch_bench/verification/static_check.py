@@ -12,7 +12,6 @@ from typing import Any
 
 from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY, Outcome, episode_key
-from minitouch_bench.errors import plain_line
 from minitouch_bench.files import RUN_FILE
 from minitouch_bench.json_io import plain
 from minitouch_bench.metrics.definitions import METRICS
@@ -20,6 +19,7 @@ from minitouch_bench.metrics.summary import summarize
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import SUITE_NAMES
 from minitouch_bench.runs.run import NAMED, Run, RunHeader, make_header, run_digest, run_json
+from minitouch_bench.text import plain_line
 
 SHOWN_CHARACTERS = 400
 """Characters of one part of a problem; a stranger's text never fills the screen."""

@@ -120,3 +120,12 @@ def test_the_paper_preset_is_table_2():
         assert phase.reward_scale == 100
     assert (config.sac.batch_size, config.sac.discount) == (128, 0.99)
     assert config.replay_size == 10**6
+
+
+def test_a_task_phase_that_has_not_begun_can_have_other_senses():
+    def config(steps, *senses):
+        return make_config("opening", settings={"task_phase": {"steps": steps, "without": senses}})
+
+    assert config(10, "vision").is_longer_than(config(0))
+    assert config(20, "vision").is_longer_than(config(10, "vision"))
+    assert not config(20, "vision").is_longer_than(config(10))

@@ -11,6 +11,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)
+KEYS = ("image", "touch")
 CURIOUS = [method for method in METHODS if method != "sac"]
 
 
@@ -122,7 +123,7 @@ def test_large_first_surprises_are_forgotten_but_by_haptic_curiosity(method):
 
 
 def test_whitened_pixels_have_unit_variance_and_a_limit():
-    whitening = Whitening()
+    whitening = Whitening((1, 84, 84), least_deviation=1.0)
     images = torch.randint(0, 100, (512, 1, 84, 84), dtype=torch.uint8)
     for half in images.split(256):
         whitening.watch(half)
@@ -130,6 +131,45 @@ def test_whitened_pixels_have_unit_variance_and_a_limit():
     torch.testing.assert_close(whitened.mean(dim=0), torch.zeros(1, 84, 84), atol=1e-3, rtol=0)
     torch.testing.assert_close(whitened.std(dim=0), torch.ones(1, 84, 84), atol=0.01, rtol=0)
     assert whitening(torch.full((1, 1, 84, 84), 255, dtype=torch.uint8)).max() == 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["disagreement", "rnd"])
+def test_what_was_never_seen_surprises_more_than_the_nearest_to_the_camera(method):
+    """There the arm fills most of the image, and a model that fits little is always wrong."""
+    environment, rng, seen = MiniTouchEnv("playing"), np.random.default_rng(0), []
+    environment.action_space.seed(0)
+    for seed in range(12):
+        now = environment.reset(seed=seed)[0]
+        for _ in range(50):
+            action = environment.action_space.sample()
+            then = environment.step(action)[0]
+            seen.append((now, action, then))
+            now = then
+    environment.close()
+    seen.sort(key=lambda one: one[0]["touch"][0])
+    curiosity = make(method, CuriosityConfig())
+    for _ in range(300):
+        curiosity.update(transitions(seen[300:], rng.choice(300, 128)))
+    far, near = (
+        surprise(curiosity, transitions(part, range(0, 300, 3))).mean()
+        for part in (seen[:300], seen[300:])
+    )
+    assert far > 1.5 * near
+
+
+def transitions(seen, rows):
+    """Return rows of (observation, action, next observation) as a batch."""
+    (images, touch), actions, (next_images, next_touch) = (
+        torch.as_tensor(np.stack([seen[row][1] for row in rows]))
+        if part == 1
+        else [torch.as_tensor(np.stack([seen[row][part][key] for row in rows])) for key in KEYS]
+        for part in range(3)
+    )
+    return replace(
+        random_batch(len(rows)),
+        image=images, touch=touch, action=actions, next_image=next_images, next_touch=next_touch,
+    )  # fmt: skip
 
 
 def test_disagreement_of_copies_is_zero():

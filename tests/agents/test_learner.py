@@ -15,11 +15,12 @@ from minitouch_bench.agents.config import (
     TrainingConfig,
 )
 from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
+from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.learner import Learner, TouchScale, kept_size
 from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.perturbation import SENSES
 from minitouch_bench.policies.native import load_native, save_native
-from minitouch_bench.policies.networks import ENCODER_CHANNELS
+from minitouch_bench.policies.networks import ENCODER_CHANNELS, KEYPOINT_FEATURES
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import Workspace
@@ -27,9 +28,11 @@ from minitouch_bench.simulation.observation import SENSED_TOUCH
 from tests.agents.batches import random_batch
 
 
-def make_learner(*, keypoints=False, **settings):
+def make_learner(*, keypoints=False, without=(), task_without=(), **settings):
     """Return a learner that explores, or one in a task phase that sees keypoints."""
-    settings = {"task_phase": PhaseConfig(10, keypoint_updates=5, fitting_updates=2), **settings}
+    task_phase = PhaseConfig(10, keypoint_updates=5, fitting_updates=2, without=task_without)
+    exploration = replace(TrainingConfig("pushing").exploration, without=without)
+    settings = {"task_phase": task_phase, "exploration": exploration, **settings}
     config = TrainingConfig("pushing", **settings)
     learner = Learner(config, PROTOCOL.task("pushing"), torch.device("cpu"))
     if keypoints:
@@ -118,7 +121,8 @@ def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeyp
 @pytest.mark.parametrize("keypoints", [False, True])
 def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keypoints):
     sac = SacConfig(batch_size=4, bfloat16=False)
-    learner = make_learner(keypoints=keypoints, without=(sense,), sac=sac)
+    lacking = {"task_without": (sense,)} if keypoints else {"without": (sense,)}
+    learner = make_learner(keypoints=keypoints, sac=sac, **lacking)
     memory = filled_replay()
     for step in range(3):
         learner.update(memory, step)
@@ -141,6 +145,22 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keyp
         for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
     ]
     assert not torch.equal(*surprised)  # the curiosity has every sense
+
+
+def test_a_blind_task_phase_stays_near_an_exploration_policy_that_sees(monkeypatch):
+    def learn(keypoints, draw, updates):
+        raise AssertionError("keypoints are learned where the picture is left out")
+
+    monkeypatch.setattr(Keypoints, "learn", learn)
+    learner = make_learner(keypoints=True, task_without=("forces", "vision"))
+    image, touch = torch.randint(256, (3, 1, 84, 84), dtype=torch.uint8), torch.rand(3, 11)
+    with torch.no_grad():
+        kept = learner._features(image, touch)
+        prior = learner.explorer.gaussian(image, learner.scale.scaled(touch))
+        blind = learner.explorer.gaussian(torch.zeros_like(image), learner.scale.scaled(touch))
+    assert (kept[:, :KEYPOINT_FEATURES] == 0).all()
+    torch.testing.assert_close(kept[:, KEYPOINT_FEATURES:], prior)
+    assert not torch.allclose(prior, blind)
 
 
 # Where half precision is used

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from tests.commands.command import Finished, run
+from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
 SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", "2")

@@ -1,6 +1,7 @@
 """``compare`` on runs of the real simulator and on written ones."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -22,30 +23,59 @@ def runs(tmp_path_factory):
     (directory / "b" / ACTIONS_FILE).touch()  # what can be replayed
     write(directory / "c", "good-too", skill=0.9, seed=4)
     write(directory / "few", "few", episodes=4)
+    for side, skill in (("a", 0.9), ("b", 0.2)):
+        for seed in range(3):
+            trained = make_run(f"{side}{seed}", exploration=False, skill=skill, seed=seed)
+            policy = replace(trained.header.policy, digest=f"{side}{seed}" * 32)
+            header = replace(trained.header, policy=policy)
+            write_run(replace(trained, header=header), directory / f"{side}{seed}")
     write(directory / "other", "other", digest="0123456789")
     return directory
 
 
 def test_three_runs_are_compared_and_written(runs, tmp_path):
-    done = run("compare", "a", "b", "c", "--output", tmp_path / "page", directory=runs)
+    files = ("--output", tmp_path / "page", "--html", tmp_path / "page.html")
+    done = run("compare", "a", "b", "c", *files, directory=runs)
     assert done.code == 0, done.err
     assert "B against A" in done.out
     assert "C against A" in done.out
     assert "A is better" in done.out
     assert "minitouch-bench replay b " in done.out
     assert "comparison.md" in done.err
+    assert "What C gains and loses" in (tmp_path / "page.html").read_text()
     assert (tmp_path / "page" / "comparison.md").read_text().startswith("# Comparison of runs")
     document = json.loads((tmp_path / "page" / "comparison.json").read_text())
     again = run("compare", "a", "b", "c", "--json", directory=runs)
     assert json.loads(again.out) == document
 
 
+def methods(*, a=range(3), b=range(3)):
+    """The options of two methods, by their training seeds."""
+    return [word for side, seeds in (("a", a), ("b", b)) for seed in seeds
+            for word in (f"--{side}", f"{side}{seed}")]  # fmt: skip
+
+
+def test_two_methods_are_compared_by_their_training_seeds(runs, tmp_path):
+    done = run("compare", *methods(), "--output", tmp_path / "page", directory=runs)
+    assert done.code == 0, done.err
+    assert "A is better: mean success A " in done.out.splitlines()[-1]
+    document = json.loads((tmp_path / "page" / "comparison.json").read_text())
+    again = run("compare", *methods(), "--json", directory=runs)
+    assert json.loads(again.out) == document
+    assert (tmp_path / "page" / "comparison.md").read_text().startswith("# Comparison of methods")
+
+
 REFUSED = [
     (("a",), 2, "2 to 26"),
+    ((), 2, "2 to 26"),
+    (("a", *methods()), 2, "either RUN"),
+    (methods(a=()), 2, "--a names 0"),
+    (methods(b=(1, 1)), 2, "one training"),
     (("a", "few"), 2, "episodes"),
     (("a", "other"), 2, "protocols"),
     (("a", "gone"), 6, "gone"),
     (("a", "b", "--output", "a/run.json/x"), 6, "written"),
+    (("a", "b", "--html", "page.pdf"), 2, ".html"),
 ]
 
 

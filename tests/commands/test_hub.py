@@ -18,8 +18,7 @@ from minitouch_bench.leaderboard import packing
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address
-from tests.commands.command import run as run_here
-from tests.commands.command import run_installed as run
+from tests.commands.command import run, run_installed
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 REFERENCE = f"hf://somebody/touch@{COMMIT}/nets/pushing.safetensors"
@@ -135,7 +134,7 @@ def test_a_hub_that_cannot_be_reached_is_no_fault_of_the_submission(
 ):
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "empty"))
-    done = run("leaderboard", "play", "mine", directory=tmp_path)
+    done = run_installed("leaderboard", "play", "mine", directory=tmp_path)
     assert done.code == 5
     assert "cannot be fetched" in done.err
 
@@ -154,7 +153,7 @@ def test_a_file_that_is_not_there(hub, tmp_path):
 
 def test_without_the_library_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    done = run_here("evaluate", ADDRESS, directory=tmp_path)
+    done = run("evaluate", ADDRESS, directory=tmp_path)
     done.refused(3, "huggingface_hub", "minitouch-bench[hub]")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import typer
 
-from minitouch_bench.agents.memory import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.agents.recorded_data import fill_from_dataset
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
@@ -37,7 +37,7 @@ def test_minari_reads_what_was_recorded(dataset):
 
 
 def test_a_training_reads_it_too(dataset):
-    replay = Replay(1000, 11, 4)
+    replay = ReplayMemory(1000, 11, 4)
     fill_from_dataset(replay, dataset, 4)
     steps = [len(one.actions) for one in minari.MinariDataset(dataset).iterate_episodes()]
     assert replay.rows == sum(steps) + 2
@@ -78,11 +78,11 @@ WITHOUT = f"""
 import sys
 from pathlib import Path
 from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.agents.memory import Replay
+from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.commands.record import record
 {WITHOUT_LOCKS}
 record("random", "pushing", output=Path(sys.argv[1]), episodes=1)
-replay = Replay(1000, 11, 4)
+replay = ReplayMemory(1000, 11, 4)
 fill_from_dataset(replay, Path(sys.argv[1]), 4)
 assert replay.rows
 """

@@ -38,17 +38,39 @@ def test_each_option_changes_its_own_setting_alone(train):
         ("--exploration-steps", 70, steps),
         ("--task-steps", 0, {"task_phase": replace(base.task_phase, steps=0)}),
         ("--objects", "held-out", {"objects": "held-out"}),
-        ("--without", "forces,vision", {"without": ("forces", "vision")}),
+        (
+            "--without",
+            "forces,vision",
+            {
+                "exploration": replace(base.exploration, without=("forces", "vision")),
+                "task_phase": replace(base.task_phase, without=("forces", "vision")),
+            },
+        ),
+        ("--task-without", "vision", {"task_phase": replace(base.task_phase, without=("vision",))}),
         ("--from-log", "log", {"dataset": "log"}),
     ):
         assert replace(base, **change) != base
         assert train("pushing", option, text)[0] == replace(base, **change), option
 
 
+def test_senses_of_the_task_phase_name_the_directory_and_need_that_phase(train, tmp_path):
+    options = ("--without", "forces", "--task-without", "vision")
+    config, directory, _ = train("opening", *options)
+    assert config.exploration.without == ("forces",)
+    assert config.task_phase.without == ("forces", "vision")
+    assert directory == Path("reports/training/opening-hac-no-forces-task-no-vision-0")
+    for arguments, word in (
+        (("playing", "--task-without", "vision"), "needs a task phase"),
+        (("opening", "--task-without", "smell"), "no sense 'smell'"),
+    ):
+        run("train", *arguments, directory=tmp_path).refused(2, word)
+
+
 def test_an_option_counts_more_than_a_file_and_names_the_directory(train, tmp_path):
     (tmp_path / "file.toml").write_text('seed = 5\nmethod = "rnd"\n')
     options = ("--config", "file.toml", "--seed", 0, "--without", "forces", "--device", "cpu")
     config, directory, how = train("opening", *options, "--resume")
-    assert config == make_config("opening", settings={"method": "rnd", "without": ["forces"]})
+    phases = {phase: {"without": ["forces"]} for phase in ("exploration", "task_phase")}
+    assert config == make_config("opening", settings={"method": "rnd", **phases})
     assert directory == Path("reports/training/opening-rnd-no-forces-0")
     assert (how["device"], how["resume"], how["fresh"]) == ("cpu", True, False)

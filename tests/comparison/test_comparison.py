@@ -158,8 +158,10 @@ def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
     after = {(e.task, e.index): e.outcome for e in BAD.rows}
     assert len(changes) == sum(before[key] is not after[key] for key in before) > 20
     first = changes[0]
-    assert first.replays[0] == f"minitouch-bench replay runs/good {first.episode}"
-    assert first.replays[1] == f"minitouch-bench replay 'runs/bad one' {first.episode}"
+    shown = f"minitouch-bench replay runs/good {first.episode} --beside 'runs/bad one'"
+    assert first.replay == shown
+    one = compared(GOOD, with_actions(BAD, tmp_path)).pairs[0].changes[0]
+    assert one.replay == f"minitouch-bench replay 'runs/bad one' {first.episode}"
 
 
 def test_what_is_not_alike_beside_the_policies_is_said():
@@ -193,7 +195,7 @@ def test_two_builds_of_the_simulator_are_one_difference():
 def test_the_document_is_json_with_every_number():
     comparison = compared(GOOD, BAD)
     document = json.loads(comparison_json(comparison))
-    assert (document["format"], document["version"]) == ("minitouch-comparison", 3)
+    assert (document["format"], document["version"]) == ("minitouch-comparison", 4)
     findings = document["pairs"][0]["metrics"]
     effect = next(f["effect"] for f in findings if f["effect"]["metric"] == "success")
     assert set(effect["difference"]) == {"value", "low", "high", "count", "method"}

@@ -70,6 +70,10 @@ def test_one_unlucky_seed_is_no_regression_of_a_method_as_it_is_of_a_checkpoint(
     assert result.decision is Decision.NOT_ENOUGH_SEEDS
     assert result.exit_code == 5  # what was seen is worse beyond the tolerance
     assert judged(GOOD, unlucky, lenient=True).exit_code == 0
+    needed = result.endpoint.seeds_needed
+    assert needed > 4
+    words = f"about {needed} training seeds on each side, {needed - 4} more, would settle it"
+    assert words in shown(show_result, result).replace("\n", " ")
 
 
 def test_exploration_that_one_training_lacks_is_left_out_and_named():

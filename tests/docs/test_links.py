@@ -6,10 +6,22 @@ import pytest
 
 from tests.altered import DOCS, ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"),
+        *DOCS.rglob("*.md"),
+        *ROOT.glob("experiments/**/*.md"),
+        *ROOT.glob("examples/**/*.md"),
+        *ROOT.glob("examples/*.ipynb"),
+    ]
+)
 CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)")
+LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)|^\[[^\]]+\]: (\S+)$", re.MULTILINE)
+REFERENCE = re.compile(r"\]\[([^\]]+)\]")
 HEADING = re.compile(r"^#{1,6} +(.+?) *$", re.MULTILINE)
+OURS = re.compile(
+    r"https://(?:colab\.research\.google\.com/github|github\.com)/OWNER/minitouch-bench/blob/main/"
+)
 ELSEWHERE = ("https:", "http:", "mailto:")
 
 
@@ -19,21 +31,32 @@ def test_every_link_leads_somewhere(page):
     assert not dead
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_reference_has_its_address(page):
+    text = CODE.sub("", page.read_text(encoding="utf-8"))
+    defined = set(re.findall(r"^\[([^\]]+)\]: ", text, re.MULTILINE))
+    assert not {*REFERENCE.findall(text)} - defined
+
+
 def test_every_page_of_the_site_is_in_its_navigation():
     named = re.findall(r"^ +- .+: (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     pages = {str(page.relative_to(DOCS)) for page in PAGES if DOCS in page.parents}
-    assert {page for page in pages if not page.startswith("studies/")} == set(named)
+    assert pages == set(named)
 
 
 def links(page):
-    return LINK.findall(CODE.sub("", page.read_text(encoding="utf-8")))
+    found = LINK.findall(CODE.sub("", page.read_text(encoding="utf-8")))
+    return [inline or defined for inline, defined in found]
 
 
 def leads_somewhere(page, link):
-    if link.startswith(ELSEWHERE):
+    place = page.parent
+    if ours := OURS.match(link):
+        place, link = ROOT, link[ours.end() :]
+    elif link.startswith(ELSEWHERE):
         return True
     path, _, anchor = link.partition("#")
-    target = (page.parent / path).resolve() if path else page
+    target = (place / path).resolve() if path else page
     if not target.exists() or not target.is_relative_to(ROOT):
         return False
     return not anchor or anchor in anchors(target)

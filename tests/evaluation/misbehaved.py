@@ -118,7 +118,7 @@ class KillsItsWorkerOnce(Still):
     """Kills the worker process, which is the parent of its host; how often, a file says."""
 
     def act(self, observation):
-        die_if_due("reaper", "host", "worker")
+        die_if_due("host", "worker")
         return super().act(observation)
 
 

@@ -1,11 +1,15 @@
 """Small runs, made the way the command line makes them."""
 
-from contextlib import closing
+from contextlib import closing, nullcontext
+from functools import partial
 from pathlib import Path
 
+from minitouch_bench import api
+from minitouch_bench.evaluation import rollout
+from minitouch_bench.evaluation.engine import LocalEngine
 from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
 from minitouch_bench.evaluation.policy_setup import PolicySetup
-from minitouch_bench.evaluation.rollout import EpisodeRunner, LocalEngine
+from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
@@ -24,6 +28,12 @@ class Here:
     def run(self, source, specs):
         with closing(EpisodeRunner(source)) as runner:
             yield from map(runner.run, specs)
+
+
+def play_here(patch, steps: int) -> None:
+    """Let ``evaluate`` play in this process, in episodes of at most so many control steps."""
+    patch.setattr(api, "open_engine", lambda *_: nullcontext(Here()))
+    patch.setattr(rollout, "MiniTouchEnv", partial(rollout.MiniTouchEnv, max_steps=steps))
 
 
 def request(

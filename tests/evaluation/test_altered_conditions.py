@@ -7,7 +7,7 @@ from minitouch_bench.api import evaluate
 from minitouch_bench.commands.verify import verify
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.rollout import AlteredSenses
-from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.perturbation import UNPERTURBED, DrawnConditions, Perturbation
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
@@ -31,6 +31,28 @@ def test_a_sense_stays_as_it_was_at_the_reset():
     assert (altered["image"] == 1).all()
     assert (altered["touch"][FORCES] == 1).all()
     assert (altered["touch"][:5] == 2).all()
+
+
+def test_observations_are_late_after_their_noise_and_before_a_sense_is_frozen():
+    perturbation = Perturbation(without=("forces",), noise=20.0, delay=(2, 2))
+    late = AlteredSenses(perturbation, 0, LIMIT, DrawnConditions(delay=2))
+    noisy = AlteredSenses(Perturbation(noise=20.0), 0, LIMIT)
+    seen = [noisy.alter(observation(level)) for level in range(50, 55)]
+    given = [late.alter(observation(level)) for level in range(50, 55)]
+    for index, one in enumerate(given):
+        assert np.array_equal(one["image"], seen[max(0, index - 2)]["image"])
+        assert (one["touch"][:5] == max(50, 48 + index)).all()
+        assert (one["touch"][FORCES] == 50).all()
+
+
+def test_light_multiplies_gray_levels_before_noise_and_saturates():
+    for light, level, expected in ((0.0, 90, 0), (0.5, 91, 46), (3.0, 90, 255)):
+        perturbation = Perturbation(light=(light, light))
+        senses = AlteredSenses(perturbation, 0, LIMIT, DrawnConditions(light=light))
+        assert (senses.alter(observation(level))["image"] == expected).all()
+    noisy = Perturbation(light=(0.0, 0.0), noise=20.0)
+    given = AlteredSenses(noisy, 0, LIMIT, DrawnConditions(light=0.0)).alter(observation(90))
+    assert 0 < given["image"].mean() < 20
 
 
 def test_noise_comes_from_the_episodes_seed_and_leaves_the_observation_alone():
@@ -65,6 +87,7 @@ def test_noisy_senses_stay_in_the_observation_space():
         Perturbation(mass=(0.01, 0.01)),
         Perturbation(friction=(0.01, 0.01)),
         Perturbation(camera=(9, 9)),
+        Perturbation(grip=(0.01, 0.01)),
     ],
 )
 def test_the_world_differs_and_is_the_same_again(perturbation):
@@ -88,7 +111,10 @@ def test_the_world_differs_and_is_the_same_again(perturbation):
 
 @pytest.mark.usefixtures("importable")
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
-    conditions = {"without": "forces", "perturb": "noise=20,mass=0.5:2,camera=9"}
+    conditions = {
+        "without": "forces",
+        "perturb": "noise=20,mass=0.5:2,camera=9,delay=1:3,grip=0.5:1",
+    }
     options = {"tasks": "pick-up", "episodes": 1, "workers": 1, "output": tmp_path / "run"}
     policy = "misbehaved:Sensitive"
     evaluate(policy, trust=True, **options, **conditions)
@@ -99,3 +125,5 @@ def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
 def test_the_scripted_policy_has_no_senses_to_change():
     with pytest.raises(UsageError, match="reads the simulator"):
         evaluate("scripted", without="vision")
+    with pytest.raises(UsageError, match="reads the simulator"):
+        evaluate("scripted", perturb="delay=1")

@@ -11,7 +11,7 @@ from minitouch_bench.errors import (
     InfrastructureError,
     RunDirectoryError,
 )
-from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.engine import Callbacks, LocalEngine
 from minitouch_bench.evaluation.execution import (
     default_directory,
     header_of,
@@ -19,7 +19,6 @@ from minitouch_bench.evaluation.execution import (
     resumable,
     run_name,
 )
-from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.policies.policy import Isolation

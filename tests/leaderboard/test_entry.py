@@ -1,10 +1,6 @@
 """Rows played from real checkpoints: what is kept, what is played again, and what is not."""
 
 import hashlib
-import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
@@ -17,7 +13,6 @@ from minitouch_bench.errors import (
     RunDirectoryError,
 )
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
-from minitouch_bench.evaluation.rollout import LocalEngine
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard import entry as entries
@@ -25,9 +20,9 @@ from minitouch_bench.leaderboard.entry import ROW_FILE, Entry, play_row
 from minitouch_bench.leaderboard.submission import read_submission
 from minitouch_bench.policies.sources import parse_source
 from tests.evaluation.runs import Here
-from tests.leaderboard.playing import EPISODES, RUNS, TASKS, digests, play_few, write_policy
+from tests.leaderboard.playing import EPISODES, RUNS, TASKS, digests, play_quickly, write_policy
 from tests.leaderboard.synthetic import make_submission
-from tests.process_tree import wait_until
+from tests.process_tree import run_python
 
 ALL = 2 * EPISODES * (2 * len(TASKS))
 """Episodes of a row: official and fresh ones, of the final and the exploration policy."""
@@ -35,7 +30,7 @@ ALL = 2 * EPISODES * (2 * len(TASKS))
 
 @pytest.fixture(autouse=True)
 def few_episodes(monkeypatch):
-    play_few(monkeypatch)
+    play_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +79,10 @@ class Count:
         return Callbacks(note=self.notes.append, episode=self.episode)
 
 
+def interrupt():
+    raise KeyboardInterrupt
+
+
 def play(entry, callbacks=SILENT, **options):
     return play_row(entry, Here(), callbacks, directory=entry.results.parent / "play", **options)
 
@@ -111,7 +110,7 @@ def test_a_row_is_played_once_and_read_back(entry):
 def test_the_draw_is_written_before_the_first_episode_and_kept(entry):
     def look():
         assert entry.read_row().draws
-        raise KeyboardInterrupt
+        interrupt()
 
     with pytest.raises(InterruptedRunError):
         play(entry, Count(1, look).callbacks())
@@ -119,20 +118,6 @@ def test_the_draw_is_written_before_the_first_episode_and_kept(entry):
     assert drawn.played == ()
     assert len(drawn.draws[0].randomness) == 64
     assert play(entry).draws == drawn.draws
-
-
-def test_an_interrupted_row_gives_the_bits_of_an_undisturbed_one(entry, tmp_path, checkpoints):
-    whole = submit(tmp_path / "whole", *checkpoints)
-    whole.results.mkdir(parents=True)
-    for at in (1, 2, 1, 2, 1):
-        count = Count(at, lambda: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(InterruptedRunError):
-            play(entry, count.callbacks())
-        assert entry.read_row().played == ()
-    (whole.results / ROW_FILE).write_bytes((entry.results / ROW_FILE).read_bytes())
-    play(entry)
-    play(whole)
-    assert digests(entry.results) == digests(whole.results)
 
 
 def test_another_checkpoint_is_played_with_another_draw(entry, tmp_path, checkpoints):
@@ -202,36 +187,27 @@ def test_each_training_is_a_policy_for_evaluate(entry):
 
 
 PLAY = """
-import sys
+import os, signal, sys
 from pathlib import Path
 import pytest
-from tests.leaderboard.playing import play_few
-from minitouch_bench.evaluation.engine import SILENT
-from minitouch_bench.evaluation.rollout import LocalEngine
-from minitouch_bench.leaderboard.entry import Entry, play_row
-play_few(pytest.MonkeyPatch())
-entry = Entry.open(Path(sys.argv[1]), Path(sys.argv[2]))
-play_row(entry, LocalEngine(2), SILENT, directory=Path(sys.argv[3]))
+from tests.leaderboard.playing import play_quickly
+from tests.leaderboard.test_entry import Count, Entry, play
+play_quickly(pytest.MonkeyPatch())
+count = Count(int(sys.argv[3]), lambda: os.kill(os.getpid(), signal.SIGKILL))
+play(Entry.open(*map(Path, sys.argv[1:3])), count.callbacks())
 """
 
 
-@pytest.mark.parametrize("records", [1, 2])
-def test_a_killed_row_continues_with_the_same_bits(tmp_path, checkpoints, records):
-    entry, whole = (submit(tmp_path / name, *checkpoints) for name in ("killed", "whole"))
-    places = (entry.directory, entry.results.parent, tmp_path / "play")
-    child = subprocess.Popen(
-        [sys.executable, "-c", PLAY, *map(str, places)], start_new_session=True
-    )
-
-    def has_played():
-        journals = [*(tmp_path / "play").rglob("run.journal")]
-        return sum(one.read_bytes().count(b"\n") for one in journals) >= records
-
-    wait_until(lambda: has_played() or child.poll() is not None, 120)
-    os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
-    row = play_row(entry, LocalEngine(1), SILENT, directory=tmp_path / "play")
+def test_a_killed_and_interrupted_row_gives_the_bits_of_an_undisturbed_one(
+    entry, tmp_path, checkpoints
+):
+    whole = submit(tmp_path / "whole", *checkpoints)
     whole.results.mkdir(parents=True)
+    for killed_at, interrupted_at in ((1, 2), (3, 2)):
+        run_python("-c", PLAY, entry.directory, entry.results.parent, killed_at, code=-9)
+        with pytest.raises(InterruptedRunError):
+            play(entry, Count(interrupted_at, interrupt).callbacks())
+        assert entry.read_row().played == ()
     (whole.results / ROW_FILE).write_bytes((entry.results / ROW_FILE).read_bytes())
-    assert play(whole) == row
+    assert play(whole) == play(entry)
     assert digests(entry.results) == digests(whole.results)

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -80,10 +79,11 @@ def test_each_policy_is_a_training_and_the_copy_is_named(capsys):
     assert "policy-0.safetensors is also in hac" in capsys.readouterr().err
 
 
-def make_training(task, seed, **settings):
+def make_training(task, seed, without=()):
     """Write the directory of a finished training."""
     place = Path("reports/training", f"{task}-hac-{seed}")
-    config = replace(make_config(task, settings={"seed": seed}), **settings)
+    settings = {"seed": seed, "task_phase": {"without": [*without]}}
+    config = make_config(task, settings=settings)
     write_file(place / "config.toml", write_toml(config))
     write_policy(place / "final.safetensors", 10 * seed + TASK_NAMES.index(task))
     content = (place / "final.safetensors").read_bytes()

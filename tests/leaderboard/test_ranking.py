@@ -10,11 +10,10 @@ from minitouch_bench.leaderboard.ranking import (
     judge_pairs,
     rank,
     ranks_of,
-    seeds_to_decide,
     share_p_values,
 )
 from minitouch_bench.metrics.intervals import MeanDifferences, mean_differences
-from minitouch_bench.metrics.statistics import holm
+from minitouch_bench.metrics.statistics import holm, seeds_to_decide
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 
@@ -166,7 +165,7 @@ def table_of(rng, seeds, means, deviation=0.1):
 
 
 def decide(rows, level=0.05):
-    return seeds_to_decide(mean_differences([rows]), (0, 1), tuple(map(len, rows)), level)
+    return seeds_to_decide(mean_differences([rows]), tuple(map(len, rows)), level)
 
 
 def test_so_many_seeds_find_the_difference_in_four_of_five_repetitions():
@@ -190,7 +189,7 @@ def test_a_difference_for_which_scipy_gives_nan_is_found():
         np.array([[0.0, difference], [-difference, 0.0]]),
         np.full((2, 2), variance), np.zeros((2, 2)), np.full((2, 2), 4.0),
     )  # fmt: skip
-    assert seeds_to_decide(found, (0, 1), (seeds, seeds), 0.05 / 6) == 5
+    assert seeds_to_decide(found, (seeds, seeds), 0.05 / 6) == 5
 
 
 def test_no_number_of_seeds_is_made_up():
@@ -213,3 +212,12 @@ def test_pairs_say_what_the_ranks_rest_on():
         assert [(one.best, one.worst) for one in ranking.ranks.values()] == [(1, 1), (2, 3), (2, 3)]
         assert ranking.pairs[0].p <= 0.05 < ranking.pairs[2].p
     assert rank({}) == {}
+
+
+def test_the_dark_suite_has_a_mean_and_a_family_of_its_own():
+    rng = np.random.default_rng(4)
+    values = dict(zip("ab", table_of(rng, 5, (0.9, 0.4), 0.03), strict=True))
+    keys = ("dark/playing", "dark/opening", "dark/pick-up")
+    rankings = rank({name: dict.fromkeys(keys, row) for name, row in values.items()})
+    assert {*rankings} == {"dark", *keys}
+    assert [(pair.higher, pair.is_significant) for pair in rankings["dark"].pairs] == [("a", True)]

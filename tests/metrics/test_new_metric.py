@@ -20,7 +20,9 @@ METRICS["long_episode"] = Metric(
     shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
 )
 
+from minitouch_bench.leaderboard import fresh
 from minitouch_bench.leaderboard.site import build_board
+from minitouch_bench.metrics import statistics
 from minitouch_bench.comparison.comparison import compare_runs, comparison_json
 from minitouch_bench.comparison.gate import GateSettings, judge_runs
 from minitouch_bench.comparison.gate_report import gate_markdown
@@ -34,6 +36,10 @@ from tests.leaderboard.synthetic import make_row, played
 from tests.reporting.synthetic import write
 
 root, stored = map(Path, sys.argv[1:])
+(root / "stored.txt").write_text("".join(map(str, check_run(read_run(stored)))))
+whole = statistics.bootstrap
+statistics.bootstrap = lambda values, rng: whole(values, rng, 100)
+fresh.ORDERS = 1000
 policies = {Role.FINAL: PolicyIdentity("hac", "hac.safetensors", "native", "ab" * 32)}
 for name, skill in (("better", 0.9), ("worse", 0.4), ("novel", 0.9)):
     suite = "novel-shapes" if name == "novel" else "table4"
@@ -48,7 +54,6 @@ for name, text in {
     "compare.txt": str(compare_runs(runs, paths)),
     "compare.json": comparison_json(compare_runs(runs, paths)),
     "regress.md": gate_markdown(judge_runs(*runs, paths, GateSettings(metric="long_episode"))),
-    "stored.txt": "".join(map(str, check_run(read_run(stored)))),
     "new.txt": "".join(map(str, check_run(runs[0]))),
 }.items():
     (root / name).write_text(text)

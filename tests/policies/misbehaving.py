@@ -1,14 +1,9 @@
 """Policies that fail in every way the evaluation must survive, chosen by the episode's seed."""
 
-import gc
-import hashlib
 import os
-import re
 import signal
 import sys
 import time
-from functools import _lru_cache_wrapper
-from types import FunctionType
 
 import numpy as np
 
@@ -73,25 +68,6 @@ def answer_ahead():
     return np.ones(4, np.float32)
 
 
-def inherited():
-    """Return a number of all that this process was forked with: names, caches, but no ids."""
-    seen, frame = [], sys._getframe()
-    while frame := frame.f_back:
-        code = frame.f_code
-        seen.append((code.co_name, code._co_code_adaptive))
-        seen.append(sorted(map(repr, frame.f_locals.items())))
-    things = gc.get_objects()
-    caches = [one for one in things if isinstance(one, _lru_cache_wrapper)]
-    seen += [(one.__qualname__, one.cache_info()) for one in caches]
-    # CPython counts there how often bytecode was run.
-    functions = [one for one in things if isinstance(one, FunctionType)]
-    seen += [(one.__qualname__, one.__code__._co_code_adaptive) for one in functions]
-    text = re.sub(r"\b(child|reaper|pid|host)', \d+|0x[0-9a-f]+", "", repr(seen))
-    return np.array(
-        [len(text), *np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)[:3]]
-    )
-
-
 ACTS = {
     "fine": lambda: np.full(4, 0.25, np.float32),
     "count": lambda: np.array([calls, os.getpid(), os.getppid(), 0.0]),
@@ -116,7 +92,6 @@ ACTS = {
     "nan": lambda: np.full(4, np.nan),
     "short": lambda: np.zeros(3),
     "integers": lambda: np.zeros(4, int),
-    "inherited": lambda: inherited().astype(np.float32),
 }
 SEEDS = {name: seed for seed, name in enumerate(ACTS)}
 RESET_RAISES, RESET_EXITS, RESET_SLEEPS = 100, 101, 102

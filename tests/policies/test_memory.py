@@ -16,6 +16,7 @@ from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.policies.formats import KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.runs.plan import make_plan
+from tests.evaluation.runs import play_here
 from tests.policies.conftest import load
 
 pytestmark = pytest.mark.filterwarnings("ignore:`?torch.jit:DeprecationWarning")
@@ -157,14 +158,15 @@ class AsClass:
             ).numpy()
 
 
-def digest_of(policy, **options):
-    run = mt.evaluate(policy, "smoke", tasks=["pushing"], episodes=2, workers=1, **options)
+def digest_of(policy):
+    run = mt.evaluate(policy, "smoke", tasks=["pushing"], episodes=2)
     assert not run.faults
     return run.digest
 
 
 @pytest.mark.parametrize("name", ["recurrent", "frame_stack"])
-def test_an_example_plays_the_episodes_of_its_python_class(examples, name):
+def test_an_example_plays_the_episodes_of_its_python_class(examples, name, monkeypatch):
+    play_here(monkeypatch, steps=20)
     modules, directory = examples
     wanted = digest_of(AsClass(modules[name]))
     files = sorted(directory.glob(f"{name}.*"))

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
+from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource, load_policy
-from minitouch_bench.policies.policy_process import isolate, try_policy
+from minitouch_bench.policies.policy_process import isolate
 from minitouch_bench.policies.server import (
     MAX_OPEN_EPISODES,
     PolicyHandler,

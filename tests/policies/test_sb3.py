@@ -13,9 +13,9 @@ from gymnasium import spaces
 from gymnasium.wrappers import ClipAction, RescaleAction
 
 from minitouch_bench.errors import PolicyLoadError
+from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies import sb3
 from minitouch_bench.policies.policy import PolicySource, load_policy
-from minitouch_bench.policies.policy_process import try_policy
 from minitouch_bench.policies.python_objects import keep_in_memory, load_object
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.simulation.observation import observation_space

@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.policies.policy_process import try_policy
+from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies.sources import parse_source, trained_task
 
 

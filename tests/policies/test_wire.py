@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from minitouch_bench.errors import describe, plain_line
 from minitouch_bench.policies.wire import pack_observation, unpack_observation
+from minitouch_bench.text import describe, plain_line
 
 
 def test_observation_survives(observation):

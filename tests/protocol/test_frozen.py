@@ -10,8 +10,11 @@ FROZEN = {
     ("novel-shapes", "playing"): "5c3356db9afcca2fea2743e4c72667a0c08e588273191214b58d2456548a2675",
     ("novel-shapes", "pushing"): "3216ff29fb4f883932fd75ae06c4588aced7728ea3715cc375c860a38d989de4",
     ("novel-shapes", "pick-up"): "6d996f8229e64a7b871ec42cd1a6df170ea81fee2e96a987924a9b98afbc6342",
+    ("dark", "playing"): "9f872e6e6a70118ea3bc698543451086635b0806224cd80d43bdf8b249c4645d",
+    ("dark", "opening"): "11738db599ebe184647bcbec6b13014a49308d7e9c61f8f12b92a0f1b7970fcf",
+    ("dark", "pick-up"): "58099bd4895feb8f8d730629202c8f785c3d514a2522b556bfc6c3dbe4dc58f4",
 }
-WHOLE = "7d28e06344e79cf311767a0936c8f8cc6ed71031cbe1f09f148b0670d98637c1"
+WHOLE = "351c5de15264c91fa895b867ea14dba19161dd0911361e61941d152a6e884114"
 
 
 def test_the_protocol_is_frozen():

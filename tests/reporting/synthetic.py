@@ -17,9 +17,10 @@ from minitouch_bench.episode import (
     Trace,
 )
 from minitouch_bench.files import RUN_FILE, write_file
+from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.metrics.summary import Summary, measure
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import Run, RunEnvironment, RunHeader, parse_run, read_run, run_json
+from minitouch_bench.runs.run import Run, RunHeader, parse_run, read_run, run_json
 from minitouch_bench.runs.run import make_run as measure_run
 
 

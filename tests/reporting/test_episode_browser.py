@@ -59,3 +59,28 @@ def test_a_policy_fault_has_the_touch_share_of_the_tables(hac):
     data = json.loads(browser_data([BrowsedRun("hac", replace(hac, rows=touched), "hac")]))
     (pushing,) = [one for one in data["runs"][0]["groups"] if one["key"] == "pushing"]
     assert pushing["share"][:3] == [0.0, 0.005, 1.0]
+
+
+def test_a_dot_of_a_map_leads_to_its_episode(browser, pages):
+    browser.open(pages / "comparison/report.html")
+    # The dot of the second run's third episode of Opening, as a circle that can be clicked.
+    where = """(() => {
+      const svg = document.querySelector("[data-source='1 opening']");
+      const path = [...svg.querySelectorAll("[data-episodes]")].find(
+        (one) => one.dataset.episodes.split(" ").includes("3"));
+      const place = path.dataset.episodes.split(" ").indexOf("3");
+      const at = [...path.getAttribute("d").matchAll(/M(\\S+) (\\S+?)h0/g)][place];
+      const dot = document.createElementNS(svg.namespaceURI, "circle");
+      const shape = { id: "dot", cx: at[1], cy: at[2], r: 1 };
+      for (const [name, value] of Object.entries(shape)) dot.setAttribute(name, value);
+      svg.append(dot);
+    })()"""
+    browser.run(where)
+    browser.click("#dot")
+    assert browser.run("document.getElementById('by-run').value") == "1"
+    current = "document.querySelector('.episodes tr[aria-current]').cells[0].textContent"
+    assert browser.run(current) == "opening/3"
+    assert browser.run("document.getElementById('replay-command').textContent").endswith(
+        "opening/3"
+    )
+    assert browser.messages == []

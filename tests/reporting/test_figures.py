@@ -46,5 +46,6 @@ def test_the_paper_is_never_on_an_axis_of_touch(hac):
 def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
     plan = replace(hac.plan, conditions=Perturbation(without=("forces",)))
     numb = replace(hac, header=replace(hac.header, plan=plan))
-    texts = [report_figures(*parts(run))[-1].text for run in (hac, numb)]
+    figures = [{one.key: one for one in report_figures(*parts(run))} for run in (hac, numb)]
+    texts = [found["forces"].text for found in figures]
     assert ["given others: hac-seed1" in text for text in texts] == [False, True]

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.comparison.comparison import compare_runs, show_comparison
-from minitouch_bench.errors import printable
-from minitouch_bench.reporting.report import build_report, show_report
-from minitouch_bench.reporting.tables import escape_md, escape_tex, rows_csv
+from minitouch_bench.reporting.report import build_report, escape_tex, show_report
+from minitouch_bench.reporting.tables import escape_md, rows_csv
+from minitouch_bench.text import printable
 from tests.reporting.synthetic import make_run, save
 
 

@@ -101,7 +101,7 @@ def test_a_page_holds_every_picture_and_takes_no_name_for_markup(hostile):
     assert "<script>alert" not in html
     assert "not the recorded episode" in html
     (found,) = re.findall(r'id="episode">(.*?)</script>', html)
-    data = json.loads(found)
+    (data,) = json.loads(found)["tracks"]
     assert (data["scenes"]["count"], data["images"]["count"]) == (5, 4)
     assert [mark["text"] for mark in data["marks"]] == ["first touch", "touched, but failed"]
     assert data["marks"][0]["time"] == 0.25

@@ -1,6 +1,7 @@
 """``run.json``: read back as written, by its published schema, and refused in one line."""
 
 import copy
+import gzip
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from benchmarks.schemas import run_schema
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import LARGEST_FILE, PACKED_RUN_FILE
 from minitouch_bench.runs.run import parse_run, read_run, run_json
 from tests.reporting.synthetic import SHAPE_TASKS, make_run, measured, with_shapes, write
 
@@ -155,3 +157,9 @@ def test_what_is_not_there_or_cannot_be_written_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunDirectoryError, match="cannot be written"):
         write(make_run(tasks=("playing",), episodes=1), tmp_path / "file" / "run")
+
+
+def test_a_packed_run_is_read_up_to_the_size_of_any_file(tmp_path):
+    (tmp_path / PACKED_RUN_FILE).write_bytes(gzip.compress(bytes(LARGEST_FILE + 1)))
+    with pytest.raises(RunDirectoryError, match="larger than 64 MiB"):
+        read_run(tmp_path)

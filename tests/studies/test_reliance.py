@@ -7,10 +7,12 @@ import pytest
 import torch
 
 import minitouch_bench as mt
+from experiments import reliance
 from experiments.reliance import WORDS, OtherForces, reliance_rows
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.simulation.observation import FORCES
+from tests.evaluation.runs import Here, play_here
 
 
 class AtRandom:
@@ -39,11 +41,13 @@ def test_late_forces_are_those_of_the_step_before_and_listed_ones_end_in_none(fo
     assert [given.tolist() for given in policy.given] == [[force] * 6 for force in expected]
 
 
-def test_a_finished_policy_plays_its_episodes_again_with_other_forces(tmp_path):
+def test_a_finished_policy_plays_its_episodes_again_with_other_forces(tmp_path, monkeypatch):
+    play_here(monkeypatch, steps=20)
+    monkeypatch.setattr(reliance, "LocalEngine", lambda _: Here())
     torch.manual_seed(1)
     file = tmp_path / "final.safetensors"
     save_native(TouchActor(action_size=5), file)
-    run = mt.evaluate(str(file), tasks=["opening"], episodes=2, workers=1)
+    run = mt.evaluate(str(file), tasks=["opening"], episodes=2)
     rows = reliance_rows(file, run, {"episodes": 2, "forces": [*WORDS]})
     assert rows["estimates"]["conditions"].tolist() == [*WORDS.values()]
     assert rows["episodes"]["index"].tolist() == [0, 1, 0, 1]

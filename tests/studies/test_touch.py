@@ -6,9 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.analysis import changes_of, join_seeds, read_rows
 from experiments.grid import KEY, check_lock, read_design
 from experiments.touch.analysis import (
     DESIGN,
+    FROZEN,
     answer,
     detectable,
     judge_pooled,
@@ -136,31 +138,37 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
     )
 
 
-def test_the_answer_has_the_differences_of_the_seeds_and_the_verdict():
-    better, worse = "hac", "hac-no-forces"
+def test_the_answer_has_the_means_and_p_of_its_claims():
     measure = {"pushing": "success", "pick-up": "success"}
-    claims = [{"better": "rnd", "worse": "rnd-no-forces", "measure": measure},
-              {"better": better, "worse": worse, "measure": measure}]  # fmt: skip
-    values = {
-        (arm, task, "success"): mean + np.linspace(-0.07, 0.07, 8)
-        for arm, task, mean in (
-            (better, "pushing", 0.8), (worse, "pushing", 0.5),
-            (better, "pick-up", 0.75), (worse, "pick-up", 0.8),
-            *product(("rnd", "rnd-no-forces"), measure, [0.5]),
-        )
-    }  # fmt: skip
-    judged, numbers = judge_pooled(claims, values), touch_numbers(measure, values)
-    said = answer({"pooled": claims, "seeds": range(8)}, judged, numbers)
-    assert "+0.300 [" in said.partition("in Pushing")[0]
-    assert "-0.050 [" in said.partition("in Pushing")[2].partition("in Pick-up")[0]
-    assert "is confirmed (adjusted p: " in said
-    verdicts, _, curiosity = said.partition(" HaC's curiosity in place of RND's: ")
-    assert verdicts.endswith("Pushing: confirmed, Pick-up: not confirmed, opposite sign.")
-    assert "+0.150 [" in curiosity.partition("in Pushing")[0]
-    assert "+0.275 [" in curiosity.partition("in Pushing")[2].partition("in Pick-up")[0]
-    assert float(said.partition("adjusted p: ")[2][:6]) == pytest.approx(
-        judged.loc[judged["claim"] == 2, "p"].iloc[0], abs=1e-4
+    pairs = [("rnd-touch", "rnd"), ("hac", "rnd"), ("hac", "hac-no-forces")]
+    claims = [{"better": one, "worse": other, "measure": measure} for one, other in pairs]
+    judged = judge_pooled(
+        claims, known(**{"hac": 0.8, "hac-no-forces": 0.79, "rnd-touch": 0.3, "rnd": 0.2})
     )
+    changes = pd.DataFrame(
+        [("hac", task, FROZEN, value) for task, value in (("pushing", -0.25), ("pick-up", -0.5))]
+        + [("rnd", task, FROZEN, 0.0) for task in measure],
+        columns=["method", "task", "conditions", "value"],
+    )
+    said = answer({"pooled": claims, "seeds": range(8)}, judged, changes).splitlines()
+    of_claim = judged[judged["task"] == ""].set_index("claim")
+    for line, row in zip(said, (of_claim.loc[2], of_claim.loc[3]), strict=False):
+        assert f"{row['better_mean']:.3f}" in line
+        assert f"{row['worse_mean']:.3f}" in line
+    assert f"(p = {of_claim.loc[3, 'p']:.4f})" in said[1]
+    assert "falls by 0.250 in Pushing and 0.500 in Pick-up" in said[2]
+
+
+def test_the_sentences_of_the_page_are_what_was_decided():
+    """They are fixed words about the claims 2 and 7, and about a fall in both tasks."""
+    judged = pd.read_csv(DESIGN.with_name("pooled.csv"), keep_default_na=False).set_index(
+        ["claim", "task"]
+    )
+    assert judged.loc[(2, ""), "verdict"] == "confirmed"
+    assert judged.loc[(7, ""), "verdict"] == "not decided"
+    changes = join_seeds(changes_of(read_rows(DESIGN.parent, "episodes")))
+    frozen = changes[(changes["method"] == "hac") & (changes["conditions"] == FROZEN)]
+    assert (frozen["high"] < 0).all()
 
 
 def test_a_locked_design_may_not_change(tmp_path):

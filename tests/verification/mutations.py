@@ -41,12 +41,13 @@ from minitouch_bench.files import (
 )
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.submission import check_submission
+from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import RunEnvironment, make_run, read_run, run_json
+from minitouch_bench.runs.run import make_run, read_run, run_json
 from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
 from tests.verification.conftest import verify_run

@@ -131,6 +131,7 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given(scripted):
         (Perturbation(without=("forces",)), "left_force_x_N"),
         (Perturbation(force_noise=20.0), "left_force_x_N"),
         (Perturbation(without=("touch",)), "end_effector_x_m"),
+        (Perturbation(delay=(2, 2)), "end_effector_x_m"),
     ],
 )
 def test_what_the_policy_was_given_is_shown_beside_the_truth(
@@ -150,11 +151,13 @@ def test_what_the_policy_was_given_is_shown_beside_the_truth(
     assert np.isnan(forces[-1]).all()  # no action follows
     if conditions.without:
         assert (forces[:-1] == 0).all()  # as at the reset
+    elif conditions.delay == (2, 2):
+        np.testing.assert_allclose(forces[2:-1], truth[:-3], atol=1e-5)
     else:
         assert 10 < (forces - truth)[:-1].std() < 30
     browser.open(page)
     drawn = browser.run("document.querySelectorAll('.faint').length")
-    assert drawn == (8 if "touch" in conditions.without else 6)
+    assert drawn == (8 if conditions.changes_touch else 6)
     shown = browser.run("document.querySelector('.plot h2 b').textContent.slice(-3)")
     assert f"{forces[0, 0]:.1f}".endswith(shown)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.evaluation.rollout import LocalEngine
+from minitouch_bench.evaluation.engine import LocalEngine
 from minitouch_bench.files import JOURNAL_FILE
 from minitouch_bench.runs.run import read_run
 from tests.altered import edit_actions, edit_document, nudge, swap

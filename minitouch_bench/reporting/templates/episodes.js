@@ -108,6 +108,39 @@
     }
     setTimeout(() => { copy.textContent = "Copy"; }, 1500);
   });
+  // The dots of a map: the nearest one to where a reader points.
+  const nearest = (drawing, event) => {
+    const toDrawing = drawing.getScreenCTM().inverse();
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(toDrawing);
+    const found = { distance: 8 };
+    for (const path of drawing.querySelectorAll("[data-episodes]")) {
+      const indices = path.dataset.episodes.split(" ");
+      [...path.getAttribute("d").matchAll(/M(\S+) (\S+?)h0/g)].forEach(([, left, top], place) => {
+        const distance = Math.hypot(left - x, top - y);
+        if (distance < found.distance) Object.assign(found, { distance, index: Number(indices[place]) });
+      });
+    }
+    return found.index;
+  };
+  const goTo = (number, group, index) => {
+    [runs.value, ends.value] = [number, ""];
+    offerChoices();
+    tasks.value = group;
+    draw();
+    const key = `${group}/${index}`;
+    const row = [...body.rows].find((one) => one.cells[0].textContent === key);
+    if (!row) return;
+    pick(row, key);
+    row.scrollIntoView({ block: "center" });
+    row.querySelector(".pick").focus({ preventScroll: true });
+  };
+  for (const drawing of document.querySelectorAll("[data-source]")) {
+    const [number, group] = drawing.dataset.source.split(" ");
+    drawing.addEventListener("click", (event) => {
+      const index = nearest(drawing, event);
+      if (index !== undefined) goTo(number, group, index);
+    });
+  }
   data.runs.forEach((one, place) => option(runs, place, one.title));
   runs.parentElement.hidden = data.runs.length === 1;
   section.hidden = false;

@@ -1,10 +1,16 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("episode").textContent);
-  const columns = data.columns;
-  const times = columns.time_s;
+  // One episode, or the same one in two runs, whose control steps end at other times.
+  const tracks = data.tracks;
+  const single = tracks.length === 1;
+  const [{ columns }] = tracks;
+  const timesOf = (track) => track.columns.time_s;
+  const times = [...new Set(tracks.flatMap(timesOf))].sort((one, other) => one - other);
   const steps = times.length - 1;
   const end = times[steps] || 1;
+  const marks = tracks.flatMap((track) =>
+    track.marks.map((mark) => ({ ...mark, text: single ? mark.text : `${track.name}: ${mark.text}` })));
   const LEFT = 44, RIGHT = 12, PAD = 7;
 
   // The panels: what is drawn below each other. A scale gives the place of a value, 0 to 1.
@@ -13,7 +19,7 @@
   // A curve shows what the policy was given; where that is not the truth, there is a faint curve too.
   const curve = (column, name, tone) => {
     const given = columns[`given_${column}`];
-    return { values: given || columns[column], truth: given && columns[column], name, tone };
+    return { values: given || columns[column], truth: given && columns[column], times, name, tone };
   };
   const force = (finger) => ({
     title: `Force on the ${finger} finger, N`,
@@ -29,11 +35,21 @@
     curves: names.filter((name) => columns[`action_${name}`]).map((name, index) =>
       curve(`action_${name}`, name, `series-${index}`)),
   });
-  const progress = data.progress;
-  const all = progress.goal === null ? progress.values : [...progress.values, progress.goal, 0];
+  const each = (values) => tracks.map((track, index) => (
+    { values: values(track), times: timesOf(track), name: single ? "" : track.name, tone: `series-${index}` }));
+  const { goal, title, unit } = tracks[0].progress;
+  const all = [...tracks.flatMap((track) => track.progress.values), ...(goal === null ? [] : [goal, 0])];
   const low = Math.min(...all), high = Math.max(...all, low + 1);
   const round = (value) => Math.round(value * 10) / 10;
-  const panels = [
+  const progress = {
+    title: `${title}, ${unit}`, scale: linear(low - (high - low) * 0.06, high + (high - low) * 0.06),
+    ticks: [low, high].map(round), limits: goal === null ? [] : [goal], limit: `goal ${goal} ${unit}`, digits: 1,
+    curves: each((track) => track.progress.values),
+  };
+  const larger = ({ columns: felt }) => timesOf({ columns: felt }).map((_, step) => Math.max(...["left", "right"].map((finger) =>
+    Math.hypot(...["x", "y", "z"].map((axis) => felt[`${finger}_force_${axis}_N`][step])))));
+  const most = data.limit * Math.sqrt(3);
+  const panels = single ? [
     force("left"),
     force("right"),
     { title: "Contact, ticks of the step", scale: linear(0, 105), ticks: [0, 50, 100], digits: 0, bars: true,
@@ -42,9 +58,14 @@
       curves: [curve("left_opening_mm", "left", "series-3"), curve("right_opening_mm", "right", "series-4")] },
     asked("Action: move the end effector", ["dx", "dy", "dz"]),
     asked("Action: fingers (1 opens)", ["fingers", "yaw"]),
-    { title: `${progress.title}, ${progress.unit}`, scale: linear(low - (high - low) * 0.06, high + (high - low) * 0.06),
-      ticks: [low, high].map(round), limits: progress.goal === null ? [] : [progress.goal], limit: `goal ${progress.goal} ${progress.unit}`, digits: 1,
-      curves: [{ values: progress.values, name: "", tone: "series-0" }] },
+    progress,
+  ] : [
+    { title: "Force of the finger that feels more, N", scale: (value) => Math.sqrt(value / most), height: 180, digits: 1,
+      ticks: data.limit > 50 ? [0, 10, 50, 200] : [0, 2, 10, 50], limits: [data.limit], limit: `limit ${data.limit} N of each component`,
+      curves: each(larger) },
+    { title: "Contact, ticks of the step", scale: linear(0, 105), ticks: [0, 50, 100], digits: 0, stepped: true,
+      curves: each((track) => track.columns.contact_ticks) },
+    progress,
   ];
 
   // Drawing
@@ -65,6 +86,9 @@
   const place = document.querySelector(".panels");
   const cursor = document.querySelector(".cursor");
   const labels = document.querySelector(".labels");
+  const labelHeight = 6 + 17 * Math.max(marks.length, 2);
+  labels.style.height = `${labelHeight}px`;
+  cursor.style.top = `${labelHeight - 6}px`;
   let width = 0;
   const x = (time) => LEFT + (time / end) * (width - LEFT - RIGHT);
   const readouts = [];
@@ -75,7 +99,7 @@
       const item = element(head, "span", one.tone);
       if (one.name) element(item, "i");
       item.append(one.name);
-      readouts.push({ out: element(item, "b"), values: one.values, digits: panel.digits });
+      readouts.push({ out: element(item, "b"), digits: panel.digits, ...one });
     }
     if (panel.limits?.length) {
       const item = element(head, "span", "dashed");
@@ -84,7 +108,7 @@
     }
     if (panel.curves.some((one) => one.truth)) element(head, "span", "", "bold: what the policy was given; faint: the truth");
   }
-  const path = (panel, values, y) => {
+  const path = (panel, values, times, y) => {
     let line = "";
     values.forEach((value, step) => {
       if (value === null) return;
@@ -104,20 +128,20 @@
       make(svg, "line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(tick), y2: y(tick) });
       make(svg, "text", { x: LEFT - 6, y: y(tick) + 4, "text-anchor": "end" }, String(tick).replace("-", "−"));
     }
-    columns.contact_ticks.forEach((ticks, step) => {
+    for (const [step, ticks] of single ? columns.contact_ticks.entries() : []) {
       const box = { x: x(times[step - 1]), width: Math.max(x(times[step]) - x(times[step - 1]), 0.5) };
       if (ticks && !panel.bars) make(svg, "rect", { class: "shade", y: 1, height: height - 2, ...box });
       if (ticks && panel.bars) make(svg, "rect", { class: "bar", y: y(ticks), height: y(0) - y(ticks), ...box });
-    });
+    }
     for (const limit of panel.limits || []) {
       make(svg, "line", { class: "bound", x1: LEFT, x2: width - RIGHT, y1: y(limit), y2: y(limit) });
     }
-    for (const mark of data.marks) {
+    for (const mark of marks) {
       make(svg, "line", { class: `event ${mark.tone}`, x1: x(mark.time), x2: x(mark.time), y1: 0, y2: height });
     }
     for (const one of panel.bars ? [] : panel.curves) {
-      if (one.truth) make(svg, "path", { class: `curve faint ${one.tone}`, d: path(panel, one.truth, y) });
-      make(svg, "path", { class: `curve ${one.truth ? "bold " : ""}${one.tone}`, d: path(panel, one.values, y) });
+      if (one.truth) make(svg, "path", { class: `curve faint ${one.tone}`, d: path(panel, one.truth, one.times, y) });
+      make(svg, "path", { class: `curve ${one.truth ? "bold " : ""}${one.tone}`, d: path(panel, one.values, one.times, y) });
     }
     if (isLast) {
       const unit = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20].find((one) => (end / one) * 52 < width) || 50;
@@ -130,7 +154,7 @@
     width = place.clientWidth;
     panels.forEach((panel, index) => drawPanel(panel, index === panels.length - 1));
     labels.replaceChildren();
-    data.marks.forEach((mark, index) => {
+    marks.forEach((mark, index) => {
       const label = element(labels, "span", mark.tone, mark.text);
       const room = width - label.offsetWidth;
       label.style.left = `${Math.min(Math.max(x(mark.time) - label.offsetWidth / 2, 0), room)}px`;
@@ -140,37 +164,43 @@
   };
 
   // The moment that is shown
-  const sprites = ["scenes", "images"].map((name) => {
-    const canvas = document.getElementById(name);
-    const source = data[name];
+  const sprites = tracks.flatMap((track, number) => (single ? ["scenes", "images"] : ["scenes"]).map((name) => {
+    const canvas = document.getElementById(`${name}${number || ""}`);
+    const source = track[name];
     [canvas.width, canvas.height] = [source.width, source.height];
     const picture = new Image();
     picture.onload = () => show();
     picture.src = source.uri;
-    return { source, picture, context: canvas.getContext("2d") };
-  });
+    return { source, picture, times: timesOf(track), context: canvas.getContext("2d") };
+  }));
   const [seek, play, speed, now] = ["seek", "play", "speed", "now"].map((id) => document.getElementById(id));
   seek.max = steps;
   let moment = 0, started = null;
-  const stepAt = (time) => {
+  const stepAt = (time, ends = times) => {
     let step = 0;
-    while (step < steps && times[step + 1] <= time + 1e-9) step += 1;
+    while (step < ends.length - 1 && ends[step + 1] <= time + 1e-9) step += 1;
     return step;
   };
   const show = () => {
     const step = stepAt(moment);
-    for (const { source, picture, context } of sprites) {
-      const index = Math.min(step, source.count - 1);
+    for (const { source, picture, times: ends, context } of sprites) {
+      const index = Math.min(stepAt(moment, ends), source.count - 1);
       const [left, top] = [(index % source.columns) * source.width, Math.floor(index / source.columns) * source.height];
       if (picture.complete && index >= 0) {
         context.drawImage(picture, left, top, source.width, source.height, 0, 0, source.width, source.height);
       }
     }
-    for (const { out, values, digits } of readouts) {
-      out.textContent = values[step] === null ? "" : values[step].toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
+    for (const { out, values, digits, times: ends } of readouts) {
+      const value = values[stepAt(moment, ends)];
+      out.textContent = value === null ? "" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
     }
     cursor.style.transform = `translateX(${x(moment)}px)`;
-    now.textContent = `${step ? `step ${step} of ${steps}` : "reset"}, ${times[step].toFixed(2)} s`;
+    const where = tracks.map((track) => {
+      const reached = stepAt(moment, timesOf(track));
+      const text = reached ? `step ${reached} of ${timesOf(track).length - 1}` : "reset";
+      return single ? text : `${track.name}: ${text}`;
+    });
+    now.textContent = [...where, `${times[step].toFixed(2)} s`].join(", ");
     seek.setAttribute("aria-valuetext", now.textContent);
     if (Number(seek.value) !== step) seek.value = step;
   };

@@ -19,9 +19,10 @@ import pytest
 import torch
 
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError
+from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.files import ENTRY_MARK, LARGEST_CHECKPOINT
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
-from minitouch_bench.policies.policy_process import PolicyProcess, isolate, try_policy
+from minitouch_bench.policies.policy_process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import PolicyLimits
 from tests.archives import members, zipped

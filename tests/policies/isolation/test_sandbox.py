@@ -6,14 +6,13 @@ import struct
 import pytest
 
 from minitouch_bench.errors import IsolationError
-from minitouch_bench.evaluation.policy_setup import PolicySetup
+from minitouch_bench.evaluation.policy_setup import PolicySetup, try_policy
 from minitouch_bench.policies import kernel, sandbox
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.policy_process import (
     InProcessPolicy,
     effective_level,
     isolate,
-    try_policy,
 )
 from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
 from minitouch_bench.policies.sources import parse_source

@@ -4,34 +4,20 @@ LeRobot's EnvHub downloads this file and calls ``make_env``. It needs minitouch-
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
+from minitouch_bench.policies.lerobot import INSTRUCTIONS, show
+from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
+
 SUITE = "minitouch"
 
 VIDEO_SIZE = 240
 """Width and height of what ``render`` returns, in pixels: it takes 10 times as long as a step."""
-
-
-class Task(NamedTuple):
-    """A task: Gymnasium's id, the length of an action, and the instruction in words."""
-
-    gym_id: str
-    action_size: int
-    instruction: str
-
-
-TASKS = {
-    "playing": Task("MiniTouch/Playing-v1", 4, "Touch the cube as much as possible."),
-    "pushing": Task("MiniTouch/Pushing-v1", 4, "Push the cube to the gray target."),
-    "opening": Task("MiniTouch/Opening-v1", 5, "Open the cabinet door by its handle."),
-    "pick-up": Task("MiniTouch/PickUp-v1", 4, "Grasp the object and lift it off the table."),
-}
-"""The tasks by their names, in the order of LeRobot's task ids."""
 
 
 def make_env(
@@ -52,7 +38,7 @@ def make_env(
     return {
         SUITE: {
             task_id: _vector([partial(_make_one, name, size)] * n_envs, use_async_envs)
-            for task_id, name in enumerate(TASKS)
+            for task_id, name in enumerate(TASK_NAMES)
             if name in chosen
         }
     }
@@ -64,15 +50,15 @@ def choose_tasks(names: str | None) -> list[str]:
     Raises:
         ValueError: there is no such task.
     """
-    chosen = [name.strip() for name in names.split(",")] if names else list(TASKS)
-    if unknown := [name for name in chosen if name not in TASKS]:
-        raise ValueError(f"no task '{unknown[0]}'; the tasks are {', '.join(TASKS)}")
+    chosen = [name.strip() for name in names.split(",")] if names else [*TASK_NAMES]
+    if unknown := [name for name in chosen if name not in TASK_NAMES]:
+        raise ValueError(f"no task '{unknown[0]}'; the tasks are {', '.join(TASK_NAMES)}")
     return chosen
 
 
 def action_size(tasks: list[str]) -> int:
     """Return the length of an action that fits all these tasks; a task of 4 ignores the fifth."""
-    return max(TASKS[name].action_size for name in tasks)
+    return max(PROTOCOL.task(name).action_size for name in tasks)
 
 
 def _vector(makers: list[partial[gymnasium.Env[Any, Any]]], use_async: bool) -> VectorEnv:
@@ -83,14 +69,13 @@ def _vector(makers: list[partial[gymnasium.Env[Any, Any]]], use_async: bool) -> 
 
 
 def _make_one(name: str, size: int) -> gymnasium.Env[Any, Any]:
-    task = TASKS[name]
     environment = gymnasium.make(
-        f"minitouch_bench:{task.gym_id}",
+        f"minitouch_bench:{PROTOCOL.task(name).gym_id}",
         render_mode="rgb_array",
         width=VIDEO_SIZE,
         height=VIDEO_SIZE,
     )
-    return LeRobotForm(environment, name, task.instruction, size)
+    return LeRobotForm(environment, name, size)
 
 
 class LeRobotForm(gymnasium.ObservationWrapper):
@@ -101,12 +86,10 @@ class LeRobotForm(gymnasium.ObservationWrapper):
     ``task_description`` are the task's name and its instruction.
     """
 
-    def __init__(
-        self, environment: gymnasium.Env[Any, Any], name: str, instruction: str, size: int
-    ) -> None:
+    def __init__(self, environment: gymnasium.Env[Any, Any], name: str, size: int) -> None:
         super().__init__(environment)
         self.task = name
-        self.task_description = instruction
+        self.task_description = INSTRUCTIONS[name]
         seen = environment.observation_space
         _, height, width = seen["image"].shape
         self.observation_space = spaces.Dict(
@@ -125,6 +108,6 @@ class LeRobotForm(gymnasium.ObservationWrapper):
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Return what the task shows, in LeRobot's form."""
         return {
-            "pixels": np.repeat(observation["image"][0][:, :, None], 3, axis=2),
+            "pixels": show(observation["image"]),
             "agent_pos": observation["touch"],
         }

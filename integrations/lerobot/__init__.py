@@ -1,16 +1,16 @@
-"""The environment type ``minitouch`` for lerobot-eval and lerobot-train.
+"""The environment type ``minitouch`` of lerobot-eval and lerobot-train.
 
-``--env.discover_packages_path=FOLDER`` imports this file and thereby registers the type.
+LeRobot imports this package by itself, because of its distribution's name.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_env_minitouch.env import action_size, choose_tasks, make_env
+
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
-
-from .env import action_size, choose_tasks, make_env  # noqa: TID252  the folder has any name
 
 
 @EnvConfig.register_subclass("minitouch")

@@ -1,0 +1,101 @@
+"""What the pages say: how much, of which commands and options, and with which numbers."""
+
+import re
+import shlex
+
+import pytest
+from typer.main import get_command
+
+from experiments.analysis import STUDIES, join_seeds, learned_seeds, read_rows
+from minitouch_bench.commands.app import app
+from minitouch_bench.metrics.definitions import METRICS
+from tests.altered import DOCS, ROOT
+
+USER_PAGES = [
+    DOCS / "index.md",
+    *(
+        page
+        for part in ("start", "how-to", "explanation", "results")
+        for page in (DOCS / part).glob("*.md")
+    ),
+]
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *ROOT.glob("experiments/*.md")])
+WORDS = 12_500
+METHODS = {"hac": "HaC", "rnd-touch": "RND+touch", "rnd": "RND", "sac": "SAC"}
+SHELL = re.compile(r"^( *)```sh\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
+PROGRAM = get_command(app)
+INLINE = re.compile(rf"`(?:minitouch-bench )?((?:{'|'.join(PROGRAM.commands)})(?: [^`]+)?)`")
+OTHER_TOOLS = re.compile(r"(?:--num-cpus|--policy\.path|--user|--userns)\b")
+
+
+def test_the_user_pages_stay_short():
+    assert len(USER_PAGES) > 25
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in USER_PAGES) <= WORDS
+
+
+@pytest.mark.parametrize(("study", "pages"), [
+    ("touch", ["README.md", "docs/results/reproduction.md"]),
+    ("table4", ["docs/results/reproduction.md"]),
+])  # fmt: skip
+def test_the_tables_of_results_follow_from_the_stored_rows(study, pages):
+    estimates = read_rows(STUDIES / study, "estimates")
+    main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
+    joined = join_seeds(main[main["metric"] == "success"]).set_index(["method", "task"])
+    learned = {(task, name): count for (task, _, name), count in learned_seeds(estimates).items()}
+    for method in METHODS.keys() & {*joined.index.get_level_values("method")}:
+        cells = [
+            f"{row.value:.3f} [{row.low:.3f}, {row.high:.3f}], {learned[row.name[1], method]}"
+            for row in (joined.loc[method, task] for task in ("pushing", "opening", "pick-up"))
+        ]
+        line = f"| {METHODS[method]} | {' | '.join(cells)} |"
+        for page in pages:
+            assert line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+
+
+def test_the_page_of_metrics_has_every_metric():
+    page = (DOCS / "reference" / "metrics.md").read_text(encoding="utf-8")
+    assert not [name for name, one in METRICS.items() if f"| {one.label} | `{name}` |" not in page]
+
+
+def test_every_command_on_a_page_has_the_options_that_it_shows():
+    shown = [(page.name, line) for page in PAGES for line in commands_on(page)]
+    assert len(shown) > 150
+    assert not [(page, line, bad) for page, line in shown if (bad := unknown(line))]
+
+
+def test_every_option_that_a_page_names_is_one_of_a_command():
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = {name for name in re.findall(r"`(--[\w.-]+)", text) if not OTHER_TOOLS.match(name)}
+    assert len(named) > 40
+    assert not named - {name for command in commands() for name in options_of(command)}
+
+
+def commands_on(page):
+    """Yield the commands of a page's shell blocks, and those in its text, from the verb on."""
+    text = page.read_text(encoding="utf-8")
+    for _, block in SHELL.findall(text):
+        for line in block.replace("\\\n", " ").splitlines():
+            yield from re.findall(r"minitouch-bench (\w.*)", line)
+    yield from INLINE.findall(re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S))
+
+
+def unknown(line):
+    """Return what the program does not have of a command's name and options."""
+    words, command = shlex.split(line, comments=True), PROGRAM
+    while words and hasattr(command, "commands"):
+        if words[0] not in command.commands:
+            return words[:1]
+        command = command.commands[words.pop(0)]
+    given = {word.partition("=")[0] for word in words if re.fullmatch(r"--[a-z][\w-]*(=.*)?", word)}
+    return sorted(given - options_of(command))
+
+
+def commands(command=PROGRAM):
+    yield command
+    for one in getattr(command, "commands", {}).values():
+        yield from commands(one)
+
+
+def options_of(command):
+    names = (name for one in command.params for name in (*one.opts, *one.secondary_opts))
+    return {*names, "--help"}

@@ -1,0 +1,59 @@
+"""The suite with the light off: what a policy sees, what is official, and what is refused."""
+
+import numpy as np
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_perturbation
+from minitouch_bench.protocol.minitouch import DARK, PROTOCOL
+from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.tasks.environment import MiniTouchEnv
+
+
+class Watching:
+    """Remembers the brightest pixel that it is shown, and gives up after three actions."""
+
+    brightest = -1
+
+    def reset(self, seed, task):
+        self.left = 3
+
+    def act(self, observation):
+        self.brightest = max(self.brightest, int(observation["image"].max()))
+        self.left -= 1
+        return np.zeros(5, np.float32) if self.left else np.zeros(1, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("suite", "changes", "is_black"),
+    [(DARK, (), True), (DARK, ("light=1",), False), ("table4", ("light=0",), True)],
+)
+def test_the_suite_and_the_condition_darken_every_picture(suite, changes, is_black):
+    plan = make_plan(suite, ["opening"], conditions=parse_perturbation((), changes))
+    world, policy = MiniTouchEnv("opening", perturbation=plan.conditions_in_light()), Watching()
+    run_episode(world, policy, plan.specs()[0])
+    world.close()
+    assert (policy.brightest == 0) is is_black
+    assert policy.brightest >= 0
+
+
+def test_dark_is_official_and_another_light_is_not():
+    assert make_plan(DARK).why_unofficial() == ()
+    same = make_plan(DARK, conditions=Perturbation(light=(0.0, 0.0)))
+    assert same == make_plan(DARK)
+    assert make_plan("table4", conditions=Perturbation(light=(1.0, 1.0))).conditions == UNPERTURBED
+    lit = make_plan(DARK, conditions=Perturbation(light=(1.0, 1.0)))
+    assert lit.why_unofficial() == ("light 1 times",)
+    assert "--perturb light=1" in " ".join(lit.as_options())
+    assert lit.mistake() == ""
+
+
+def test_a_dark_score_has_rules_of_its_own():
+    for task in PROTOCOL.suite(DARK).tasks:
+        assert PROTOCOL.task_digest(task, DARK) != PROTOCOL.task_digest(task, "table4")
+
+
+def test_pushing_is_refused_with_the_reason():
+    with pytest.raises(UsageError, match="the target of pushing cannot be felt"):
+        make_plan(DARK, ["pushing"])
