@@ -36,7 +36,7 @@ from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.text import describe
 
-SUFFIX = ".pt2"
+EXPORTED = ".pt2"
 
 SAME_ACTION = 1e-5
 """Largest difference between numbers of an applied action, from -1 to 1, that are the same."""
@@ -100,8 +100,8 @@ def export_module(module: object, path: Path, task: str) -> Export:
     if not isinstance(module, nn.Module) or isinstance(module, torch.jit.ScriptModule):
         kind = type(module).__name__
         raise UsageError(f"{kind} is not a torch module that can be exported: give the nn.Module")
-    if path.suffix != SUFFIX:
-        raise UsageError(f"{path} is not a name of what is written, a {SUFFIX} file")
+    if path.suffix != EXPORTED:
+        raise UsageError(f"{path} is not a name of what is written, a {EXPORTED} file")
     (spec,) = make_plan("smoke", (task,), episodes=1).specs()
     pickled = keep_in_memory(module).content
     content = _exported(_copy(pickled))
