@@ -103,12 +103,12 @@ def submit(
     )
 
     isolated = isolation_options(isolation, trust=False)
-    for what, given, known in (
-        ("suite with a board", words(suites), SUITES),
-        ("modality", words(modalities), MODALITIES),
+    for option, listed, known in (
+        ("--suites", words(suites), SUITES),
+        ("--modalities", words(modalities), MODALITIES),
     ):
-        if unknown := [word for word in given if word not in known]:
-            raise UsageError(f"no {what} '{printable(unknown[0])}'; there are {', '.join(known)}")
+        if unknown := [word for word in listed if word not in known]:
+            raise UsageError(f"{option} has {', '.join(known)}, not '{printable(unknown[0])}'")
     told: dict[str, Any] = {"method": name, "learner": "", "modalities": ("vision", "touch")}
     if all(map(packing.is_training, policies)):
         if exploration or training_seeds:
