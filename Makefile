@@ -1,6 +1,6 @@
 # `make evaluate` and `make test` set everything up themselves, from nothing.
 
-SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+SUPPORTED := import ensurepip, sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
   $$python -c "$(SUPPORTED)" 2>/dev/null && command -v $$python && break; done)
 VENV   := .venv
@@ -97,15 +97,22 @@ clean:
 # What evaluation needs. The build of torch for the CPU comes from PyTorch's own index: the usual one
 # brings gigabytes of CUDA packages.
 $(READY): pyproject.toml constraints.txt
-	@"$(PYTHON)" -c "$(SUPPORTED)" || { echo "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13," \
-	  "not '$(PYTHON)'. Try: make PYTHON=/path/to/python3.13" >&2; exit 1; }
+	@if "$(PYTHON)" -c "$(SUPPORTED)" 2>/dev/null; then "$(PYTHON)" -m venv $(VENV); \
+	elif [ -z "$(PYTHON)" ] && command -v uv >/dev/null; then \
+	  uv venv --quiet --allow-existing --seed --python 'cpython>=3.11,<3.14' $(VENV); \
+	else printf '%s\n' \
+	  "MiniTouch-bench needs CPython 3.11, 3.12 or 3.13 with its module venv, not '$(PYTHON)'. Try one of:" \
+	  "  uv:     pipx install uv; then make finds a Python or fetches one" \
+	  "  pyenv:  pyenv install 3.13 && pyenv local 3.13" \
+	  "  apt:    sudo apt install python3-venv, on Debian 12 or Ubuntu 24.04 and later" \
+	  "  make PYTHON=/path/to/python3.13" >&2; exit 1; fi
 	@echo "Installing MiniTouch-bench, PyTorch for the CPU, PyBullet and what they need into $(VENV):" \
 	  "400 MB to download, 1.5 GB on the disk"
-	@"$(PYTHON)" -m venv $(VENV)
 	@$(PIP) --retries 1 --no-deps --index-url https://download.pytorch.org/whl/cpu torch || \
 	  echo "PyTorch's index of builds for the CPU cannot be reached: the usual build comes in its" \
 	  "place, with 5.7 GB of CUDA packages"
 	@$(PIP) --editable .
+	@$(BIN)/python -m minitouch_bench.simulation.builds
 	@touch $(READY)
 
 # Every extra, and what tests and checks need.

@@ -48,12 +48,13 @@ from minitouch_bench.verification.filming import film_run, require_video, show_e
 
 if TYPE_CHECKING:
     from minitouch_bench.agents.training import TrainingCallbacks
+    from minitouch_bench.verification.export import Export
 else:
-    TrainingCallbacks = object  # its module imports torch; ``run_training`` checks its type
+    Export = TrainingCallbacks = object  # their modules import torch
 
 __all__ = [
-    "Run", "TaskResult", "compare", "compare_methods", "evaluate", "load_run", "make", "replay",
-    "train",
+    "Run", "TaskResult", "compare", "compare_methods", "evaluate", "export", "load_run", "make",
+    "replay", "train",
 ]  # fmt: skip
 
 AUTO_OUTPUT = "auto"
@@ -200,6 +201,24 @@ def evaluate(
 
 
 @checked
+def export(module: object, path: StrPath, task: str) -> Export:
+    """Export a torch module on (image, touch) as a .pt2 file that acts like it.
+
+    Module and file play an episode of the task side by side; ``print`` what is returned. The file
+    is written only if all their actions are the same. The module is exported as it evaluates
+    (``eval()``), on the CPU.
+
+    Raises:
+        UsageError: no such task, not a torch module, or a file name without .pt2.
+        PolicyLoadError: the module cannot be exported or fails in the episode, or the file acts
+            differently; the text names the state that the export has lost.
+    """
+    from minitouch_bench.verification.export import export_module  # noqa: PLC0415  imports torch
+
+    return export_module(module, Path(path), task)
+
+
+@checked
 def compare(
     *runs: Run | StrPath, output: StrPath | None = None, html: StrPath | None = None
 ) -> Comparison:
@@ -287,6 +306,7 @@ def train(
     resume: bool = False,
     fresh: bool = False,
     device: str = "auto",
+    trust: bool = False,
     progress: bool | None = None,
     callbacks: "TrainingCallbacks | None" = None,
 ) -> Path:
@@ -326,14 +346,21 @@ def train(
     lacking = asked.exploration.without
     more = [sense for sense in asked.task_phase.without if sense not in lacking]
     senses = (*(f"no-{one}" for one in lacking), *(f"task-no-{one}" for one in more))
-    usual = TRAININGS / "-".join((asked.task, asked.method, *senses, str(asked.seed)))
+    method = asked.method.rpartition(":")[2]
+    usual = TRAININGS / "-".join((asked.task, method, *senses, str(asked.seed)))
     directory = usual if output is None else Path(output)
     with ExitStack() as showing:
         if (is_watched() and callbacks is None) if progress is None else progress:
             callbacks = TrainingCallbacks(**showing.enter_context(training_progress()))
         callbacks = callbacks or NO_CALLBACKS
         is_done = run_training(
-            asked, directory, resume=resume, fresh=fresh, device=device, callbacks=callbacks
+            asked,
+            directory,
+            resume=resume,
+            fresh=fresh,
+            device=device,
+            trust=trust,
+            callbacks=callbacks,
         )
     if not is_done:
         raise InterruptedRunError(

@@ -4,6 +4,7 @@ import importlib
 import os
 import platform
 import shlex
+import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -129,6 +130,17 @@ def extras() -> dict[str, list[str]]:
         if extra:
             requirements.setdefault(extra.strip('"'), []).append(requirement)
     return requirements
+
+
+def look_up_own(target: str) -> Any:
+    """Return what the user names as ``package.module:attribute``, also in the working directory.
+
+    Raises:
+        PolicyLoadError: the module or the attribute does not exist.
+    """
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
+    return look_up(target)
 
 
 def look_up(target: str) -> Any:

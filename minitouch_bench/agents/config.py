@@ -122,6 +122,8 @@ class TrainingConfig:
 
     ``dataset``: a recorded one, on which exploration makes its gradient steps without acting.
     ``sac`` acts, with the dataset in its replay memory.
+    ``method``: one of METHODS, or a class of your own, ``package.module:Class``, whose source file
+    has the SHA-256 ``method_digest``.
     ``design``: SHA-256 of the design of the study that the training is part of; it changes nothing.
     ``episode_steps``: control steps after which a training episode ends; 0: the task's.
     ``random_steps``: uniformly random actions before learning starts; none with a dataset.
@@ -134,6 +136,7 @@ class TrainingConfig:
 
     task: str
     method: str = "hac"
+    method_digest: str = ""
     seed: Count = 0
     objects: str = ""
     dataset: str = ""
@@ -168,7 +171,8 @@ class TrainingConfig:
                 f"'episode_steps' is {self.episode_steps}; it must be smaller than 'replay_size', "
                 f"which is {self.replay_size}"
             )
-        _check("method", self.method, tuple(METHODS))
+        if ":" not in self.method:
+            _check("method", self.method, tuple(METHODS))
         for sense in (*self.exploration.without, *self.task_phase.without):
             _check("sense", sense, SENSES)
 
@@ -277,6 +281,10 @@ def make_config(
     return replace(take_table(settings, TrainingConfig, base=base), task=task)
 
 
+ADDED_LATER = "method_digest"
+"""A setting that older trainings have not recorded: without it the method is ours."""
+
+
 def read_recorded_config(path: Path) -> TrainingConfig:
     """Return the settings that a training has recorded in its directory, every one of them.
 
@@ -290,7 +298,7 @@ def read_recorded_config(path: Path) -> TrainingConfig:
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
     given = _by_name(table)
-    if missing := [name for name in _by_name(asdict(config)) if name not in given]:
+    if missing := [name for name in _by_name(asdict(config)) if name not in {*given, ADDED_LATER}]:
         raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train again")
     return config
 

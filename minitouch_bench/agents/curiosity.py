@@ -1,9 +1,12 @@
 """Curiosity: models that learn from batches, and rewards from their surprise, by method."""
 
+import hashlib
+import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import torch
@@ -13,6 +16,8 @@ from torch.nn import functional
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.memory import Batch
 from minitouch_bench.agents.sac import encode_image
+from minitouch_bench.errors import MiniTouchError, UsageError
+from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.networks import (
     FEATURES,
     HIDDEN_UNITS,
@@ -22,6 +27,7 @@ from minitouch_bench.policies.networks import (
 )
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.simulation.observation import FORCES
+from minitouch_bench.text import describe
 
 WHITENED_LIMIT = 5.0
 """Standard deviations."""
@@ -86,8 +92,15 @@ class Curiosity(nn.Module, ABC):
         """Return how new each transition is, and the networks' loss with its gradients."""
 
     def update(self, batch: Batch) -> Errors:
-        """Learn from a batch, by one gradient step, and return the errors before it."""
+        """Learn from a batch, by one gradient step, and return the errors before it.
+
+        Raises:
+            UsageError: a class of the user's gives surprises of another shape.
+        """
         errors = self.errors(batch)
+        if errors.surprise.shape != batch.task_reward.shape:
+            given, name = tuple(errors.surprise.shape), type(self).__name__
+            raise UsageError(f"{name}.errors gives a surprise of shape {given}, not one per row")
         if errors.loss.requires_grad:
             self.optimizer.zero_grad()
             errors.loss.backward()  # type: ignore[no-untyped-call]
@@ -364,3 +377,32 @@ CURIOSITIES: Mapping[str, Callable[[CuriosityConfig, int], Curiosity]] = {
     "rnd-touch": TouchDistillation,
 }
 """The curiosity of every method but ``sac``, which has none."""
+
+
+def find_curiosity(method: str) -> Callable[[CuriosityConfig, int], Curiosity]:
+    """Return the curiosity of a method; a class of the user's is imported, which runs its code.
+
+    Raises:
+        UsageError: it cannot be imported, or is not a whole subclass of Curiosity.
+    """
+    if method in CURIOSITIES:
+        return CURIOSITIES[method]
+    try:
+        found = look_up_own(method)
+    except MiniTouchError as error:
+        raise UsageError(f"the method {method}: {error}") from error
+    except Exception as error:  # whatever its module raises
+        raise UsageError(f"the method {method} cannot be imported: {describe(error)}") from error
+    if not (inspect.isclass(found) and issubclass(found, Curiosity)) or inspect.isabstract(found):
+        base = f"{Curiosity.__module__}:{Curiosity.__name__}"
+        raise UsageError(f"{method} is not a subclass of {base} with a method errors")
+    return found
+
+
+def digest_method(method: str) -> str:
+    """Return the SHA-256 of the source file of the user's class, "" for a method of ours."""
+    if ":" not in method:
+        return ""
+    source = inspect.getsourcefile(find_curiosity(method))
+    assert source is not None
+    return hashlib.sha256(Path(source).read_bytes()).hexdigest()

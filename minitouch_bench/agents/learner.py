@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from minitouch_bench.agents.config import PhaseConfig, TrainingConfig
-from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity
+from minitouch_bench.agents.curiosity import Curiosity, find_curiosity
 from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.memory import Batch, ReplayMemory
 from minitouch_bench.agents.sac import Sac
@@ -110,7 +110,7 @@ class Learner:
             self.sac = Sac(sac, action_size=spec.action_size)
             self.curiosity: Curiosity | None = None
             if config.method != "sac":
-                self.curiosity = CURIOSITIES[config.method](curiosity, spec.action_size)
+                self.curiosity = find_curiosity(config.method)(curiosity, spec.action_size)
         _arrange(self.sac, device)
         if self.curiosity is not None:
             _arrange(self.curiosity, device)

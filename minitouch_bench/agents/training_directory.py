@@ -15,11 +15,13 @@ import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, differing_settings, read_recorded_config
+from minitouch_bench.agents.curiosity import digest_method
 from minitouch_bench.agents.memory import CHECKPOINT_FILE, IMAGES_FILE
 from minitouch_bench.agents.training import NO_CALLBACKS, ProgressRow, Training, TrainingCallbacks
 from minitouch_bench.episode import EpisodeSpec, Outcome
 from minitouch_bench.errors import (
     InvalidActionError,
+    MiniTouchError,
     MissingExtraError,
     RunDirectoryError,
     UsageError,
@@ -36,6 +38,7 @@ from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
 from minitouch_bench.runs.plan import Plan, first_of
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.text import describe
 
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
@@ -57,16 +60,18 @@ def run_training(
     resume: bool = False,
     fresh: bool = False,
     device: str = "auto",
+    trust: bool = False,
     callbacks: TrainingCallbacks = NO_CALLBACKS,
 ) -> bool:
     """Train to the end and return True, or False where it was asked to stop before.
 
     ``fresh`` removes the training that the directory contains. ``device``: "auto", "cpu" or
-    "cuda".
+    "cuda". ``trust`` permits a method of the user's own, whose source file is the same in a
+    resumed training.
 
     Raises:
-        UsageError: no such device, no control steps, settings with which the training diverges, or
-            both ``resume`` and ``fresh``.
+        UsageError: no such device, no control steps, settings with which the training diverges,
+            both ``resume`` and ``fresh``, or an own method without trust or with a fault.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
@@ -78,9 +83,20 @@ def run_training(
             "both phases have 0 control steps, so that nothing would be learned: give "
             "--exploration-steps or --task-steps"
         )
+    if ":" in config.method and not trust:
+        raise UsageError(
+            f"'{config.method}' runs Python code of its own on this machine.\n"
+            "If you trust it, add --trust"
+        )
+    config = replace(config, method_digest=digest_method(config.method))
     chosen = choose_device(device)
     keep_freed_memory()
-    with files.lock_directory(directory), _own_settings(), ExitStack() as stack:
+    with (
+        files.lock_directory(directory),
+        _own_settings(),
+        _own_faults(config.method),
+        ExitStack() as stack,
+    ):
         _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         first_phase = config.exploration_steps or config.steps
         if not config.dataset and 0 < first_phase <= config.random_steps:
@@ -128,6 +144,17 @@ def run_training(
             if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
                 files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
+
+
+@contextmanager
+def _own_faults(method: str) -> Iterator[None]:
+    """Convert whatever a method of the user's own raises in the block to a ``UsageError``."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, MiniTouchError) or ":" not in method:
+            raise
+        raise UsageError(f"the method {method} failed: {describe(error)}") from error
 
 
 @contextmanager

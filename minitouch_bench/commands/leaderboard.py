@@ -26,7 +26,7 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
     """Check the files and words of submissions; exit 1 with every problem. Nothing is executed."""
     from minitouch_bench.leaderboard.submission import (
         check_submission,
-        find_equal,
+        equal_checkpoints,
         read_submission,
     )
 
@@ -37,9 +37,8 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
             bad += 1
             continue
         print(f"{printable(name)}: sound")
-        equal = find_equal(submissions, read_submission(submissions / name))
-        for file, other in equal.items():
-            print(f"{name}: {file} is also in {other}; the row that is played first keeps its rank")
+        for sentence in equal_checkpoints(submissions, read_submission(submissions / name)):
+            print(f"{name}: {sentence}")
     if bad:
         raise typer.Exit(errors.CHECK_FAILED)
 

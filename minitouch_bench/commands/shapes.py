@@ -153,5 +153,5 @@ def export(
     from minitouch_bench.shapegen import exchange
     from minitouch_bench.shapegen.manifest import load_shape_set
 
-    count = exchange.export(load_shape_set(folder), output, form, split)
+    count = exchange.export_shapes(load_shape_set(folder), output, form, split)
     print(f"{numbered(count, 'file')} in {output}")

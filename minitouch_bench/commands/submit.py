@@ -15,6 +15,7 @@ from minitouch_bench.files import SUBMISSIONS
 from minitouch_bench.json_io import whole_numbers, words
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
+from minitouch_bench.text import printable
 
 about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
 
@@ -94,9 +95,20 @@ def submit(
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.json_io import take_table
     from minitouch_bench.leaderboard import packing
-    from minitouch_bench.leaderboard.submission import Submission, find_equal
+    from minitouch_bench.leaderboard.submission import (
+        MODALITIES,
+        SUITES,
+        Submission,
+        equal_checkpoints,
+    )
 
     isolated = isolation_options(isolation, trust=False)
+    for option, listed, known in (
+        ("--suites", words(suites), SUITES),
+        ("--modalities", words(modalities), MODALITIES),
+    ):
+        if unknown := [word for word in listed if word not in known]:
+            raise UsageError(f"{option} has {', '.join(known)}, not '{printable(unknown[0])}'")
     told: dict[str, Any] = {"method": name, "learner": "", "modalities": ("vision", "touch")}
     if all(map(packing.is_training, policies)):
         if exploration or training_seeds:
@@ -125,7 +137,7 @@ def submit(
         place = packing.pack_submission(
             submission, trainings, directory, engine, callbacks, isolation=isolated
         )
-    for file, other in find_equal(directory, submission).items():
-        note(f"{file} is also in {other}: the row that is played first keeps its rank")
+    for sentence in equal_checkpoints(directory, submission):
+        note(sentence)
     print(place)
     note(f"next: minitouch-bench leaderboard play {name}, then minitouch-bench leaderboard build")

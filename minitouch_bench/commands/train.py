@@ -14,7 +14,10 @@ def train(
     task: options.TaskArgument,
     *,
     method: Annotated[
-        str | None, typer.Option(help=f"{', '.join(METHODS)}; by default hac.")
+        str | None,
+        typer.Option(
+            help=f"{', '.join(METHODS)}, or package.module:Class of your own; by default hac."
+        ),
     ] = None,
     seed: Annotated[
         int | None,
@@ -82,6 +85,9 @@ def train(
     device: Annotated[
         str, typer.Option(help="auto (a GPU if there is one), cpu or cuda.")
     ] = "auto",
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run a method's own Python code on this machine.")
+    ] = False,
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
     from minitouch_bench import api
@@ -102,6 +108,7 @@ def train(
         resume=resume,
         fresh=fresh,
         device=device,
+        trust=trust,
         progress=True,
     )
     print(directory)

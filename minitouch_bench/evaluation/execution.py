@@ -27,7 +27,7 @@ from minitouch_bench.runs.run import (
     read_run,
     run_json,
 )
-from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.simulation.builds import BUILDS
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
 """What a run's numbers may depend on; ``run.json`` has the versions of those installed."""

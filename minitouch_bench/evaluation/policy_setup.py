@@ -219,7 +219,7 @@ def try_policy(
     warnings, felt = [], zero_observation()
     felt["touch"] = np.ones_like(felt["touch"])
     hardest = max(tasks, key=lambda task: PROTOCOL.task(task).force_limit)
-    with _kept_generators(), contextlib.closing(isolate(source, options)) as tried:
+    with kept_generators(), contextlib.closing(isolate(source, options)) as tried:
         for task in tasks if source.parts else [hardest]:
             try:
                 tried.reset(0, task)
@@ -238,7 +238,7 @@ def try_policy(
 
 
 @contextlib.contextmanager
-def _kept_generators() -> Iterator[None]:
+def kept_generators() -> Iterator[None]:
     """Leave the caller's generators and number of threads as they are: it may be a training."""
     states = random.getstate(), np.random.get_state()  # noqa: NPY002 - what a policy may use
     torch = sys.modules.get("torch")

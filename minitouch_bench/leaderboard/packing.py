@@ -191,7 +191,10 @@ def pack_submission(
                 files.write_file(copy / one.training.place(file), read_checkpoint(source))
         for problem in check_submission(copy):
             raise UsageError(problem)
-        _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)
+        try:
+            _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)
+        except PolicyLoadError as error:  # the folder aside is gone when a user reads it
+            raise PolicyLoadError(str(error).replace(f"{copy}/", "")) from error
         with files.os_errors_as(RunDirectoryError, target, "written"):
             copy.rename(target)
     return target

@@ -6,6 +6,7 @@ It has a policy for each training, and words about them. None of it is executed 
 import hashlib
 import os
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -26,7 +27,7 @@ from minitouch_bench.policies.sources import (
     check_zip,
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.text import printable
+from minitouch_bench.text import numbered, printable
 
 SUBMISSION_FORMAT: Final = "minitouch-submission"
 VERSION: Final = 2
@@ -256,21 +257,24 @@ def _check_content(file: CheckpointFile, content: bytes) -> None:
         check_zip(content, file.file)
 
 
-def find_equal(submissions: Path, submission: Submission) -> dict[str, str]:
-    """Return the final checkpoints that other submissions have too: file, other's name."""
-    found: dict[str, str] = {}
-    ours = {
-        file.sha256: file.file for one in submission.trainings for file in one.files(Role.FINAL)
-    }
+def equal_checkpoints(submissions: Path, submission: Submission) -> Iterator[str]:
+    """Yield a sentence for each other submission that has some of its final checkpoints."""
+    ours = Counter(_final_digests(submission))
     for directory in find_submissions(submissions):
         try:
             other = read_submission(directory)
         except UsageError:
             continue
-        if other.name != submission.name:
-            theirs = (file for one in other.trainings for file in one.files(Role.FINAL))
-            found |= {ours[file.sha256]: other.name for file in theirs if file.sha256 in ours}
-    return found
+        equal = (ours & Counter(_final_digests(other))).total()
+        if equal and other.name != submission.name:
+            yield (
+                f"{equal} of {numbered(ours.total(), 'final checkpoint')}: also in {other.name}, "
+                "and the row that is played first keeps its rank"
+            )
+
+
+def _final_digests(submission: Submission) -> Iterator[str]:
+    return (file.sha256 for one in submission.trainings for file in one.files(Role.FINAL))
 
 
 def find_submissions(directory: Path) -> list[Path]:

@@ -50,8 +50,8 @@ def warning_of(policy: Policy) -> str:
 
 
 TO_REMEMBER = (
-    "If it should remember, keep its state in a buffer that forward assigns, and save it with "
-    "torch.export (.pt2)"
+    "If it should remember, keep its state in a buffer that forward writes in place, and save it "
+    "with torch.export (.pt2)"
 )
 """What a loader advises that finds a memory without a state."""
 

@@ -8,7 +8,6 @@ can depend on another one.
 import hashlib
 import inspect
 import io
-import os
 import pickle
 import re
 import sys
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.machine import look_up
+from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.policy import (
     Policy,
     PolicySource,
@@ -52,9 +51,7 @@ def load_factory(source: PolicySource) -> Policy:
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # last, so that no file there shadows an installed package
-    factory = look_up(source.target)
+    factory = look_up_own(source.target)
     if not callable(factory):
         raise PolicyLoadError("it cannot be called to make a policy")
     return make_policy(factory, source.deterministic)
@@ -83,6 +80,13 @@ class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
         if isinstance(value, set | frozenset) and all(map(_is_plain, value)):
             return type(value).__name__, sorted(map(repr, value))
         return None
+
+
+def digest_object(value: object) -> str:
+    """Return the SHA-256 of an object's content, the same in each process."""
+    written = io.BytesIO()
+    _Digester(written).dump(value)
+    return hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
 
 
 def _tensor_content(torch: Any, tensor: Any) -> object:
@@ -122,9 +126,8 @@ def keep_in_memory(policy: object) -> PolicySource:
         PolicyLoadError: it is not a policy, or cannot be copied.
     """
     try:
-        acting, written = _acting_part(policy), io.BytesIO()
-        content = cloudpickle.dumps(acting)
-        _Digester(written).dump(acting)
+        acting = _acting_part(policy)
+        content, digest = cloudpickle.dumps(acting), digest_object(acting)
     except (PolicyLoadError, KeyboardInterrupt):
         raise
     except BaseException as error:  # whatever an object raises when it is pickled
@@ -132,7 +135,6 @@ def keep_in_memory(policy: object) -> PolicySource:
             f"the policy {type(policy).__name__} cannot be copied for each episode: "
             f"{describe(error)}.\nGive a factory, 'package.module:attribute', with trust=True"
         ) from error
-    digest = hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
     name = type(policy).__name__
     return PolicySource(IN_MEMORY, name, f"{name} in memory", digest, content=content)
 

@@ -392,7 +392,7 @@ def _plain_names(sources: Iterable[str]) -> list[str]:
     return list(names)
 
 
-def export(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
+def export_shapes(shapes: ShapeSet, folder: Path, form: str, split: str | None = None) -> int:
     """Write every shape, or those of one split, into a folder; return the number of files.
 
     Raises:

@@ -31,7 +31,7 @@ from minitouch_bench.shapegen.soundness import (
     check_mesh,
     grip_scale,
 )
-from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.simulation.builds import BUILDS
 
 Progress = Callable[[int, int], None]
 """Called with (done, total)."""

@@ -2,7 +2,6 @@
 
 import math
 import os
-import sys
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.machine import installed_versions
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, Rgba
+from minitouch_bench.simulation.builds import check_version
 
 
 def _import_pybullet() -> Any:
@@ -34,28 +33,7 @@ def _import_pybullet() -> Any:
 
 pybullet: Any = _import_pybullet()
 
-BUILDS = {"pybullet": "3.2.7", "pybullet-arm64": "3.2.8"}
-"""Distributions of the protocol's simulator: the golden episodes are the same bits with both.
-
-``pybullet`` has wheels for CPython 3.11, ``pybullet-arm64`` for later versions, also on x86-64.
-"""
-
-
-def _check_build() -> None:
-    """Refuse another simulator than the protocol's, which gives other episodes.
-
-    Raises:
-        UsageError: another one is installed.
-    """
-    if not installed_versions(BUILDS).items() & BUILDS.items():
-        name = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
-        raise UsageError(
-            f"the protocol's simulator is {PROTOCOL.physics.simulator}, installed is another: "
-            f"pip install {name}=={BUILDS[name]}"
-        )
-
-
-_check_build()
+check_version()
 
 Vector = Sequence[float]
 Part = tuple[int, int]

@@ -29,7 +29,7 @@ from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.shapegen.manifest import canonical_shape_set
-from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.simulation.builds import BUILDS, check_library
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
 
@@ -65,6 +65,7 @@ def examine(workers: int) -> Iterator[Check]:
     """Make every check in turn and yield it; nothing is left behind but the cache."""
     for name, look in (
         ("packages", _packages),
+        ("simulator", check_library),
         ("cache", _cache),
         ("protocol and shapes", _protocol),
         ("isolation", _isolation),

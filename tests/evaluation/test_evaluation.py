@@ -24,7 +24,7 @@ from minitouch_bench.machine import installed_versions
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.simulation.client import BUILDS
+from minitouch_bench.simulation.builds import BUILDS
 from tests.evaluation.runs import digests, request, run
 
 KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-up/1"]

@@ -12,7 +12,7 @@ FOLDER = ROOT / ".github" / "workflows"
 FILES = sorted(FOLDER.glob("*.yml"))
 EXAMPLE = ROOT / "docs" / "examples" / "regress.yml"
 ACTION_FILE = ROOT / ".github" / "actions" / "regress" / "action.yml"
-OF_STRANGERS = {"site", "submission", "tests"}
+OF_STRANGERS = {"image", "site", "submission", "tests"}
 """They run on pull requests, also from forks."""
 
 WRITING = {

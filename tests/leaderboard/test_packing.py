@@ -76,7 +76,7 @@ def test_each_policy_is_a_training_and_the_copy_is_named(capsys):
     submit(policies, training_seeds="7,5", **ABOUT)
     assert [training.seed for training in told().trainings] == [7, 5]
     submit([policies[0]], **{**ABOUT, "name": "copy"})
-    assert "policy-0.safetensors is also in hac" in capsys.readouterr().err
+    assert "1 of 1 final checkpoint: also in hac" in capsys.readouterr().err
 
 
 def make_training(task, seed, without=()):

@@ -15,7 +15,7 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.submission import (
     check_submission,
-    find_equal,
+    equal_checkpoints,
     mistakes,
     read_submission,
 )
@@ -196,8 +196,10 @@ def test_a_spoiled_directory_is_refused(submission, spoil, word):
 def test_a_checkpoint_that_another_submission_has_is_named(submission):
     make_submission(submission.parent, "copy", content=(submission / FILE).read_bytes())
     copy = read_submission(submission.with_name("copy"))
-    assert find_equal(submission.parent, copy) == {"hac.safetensors": "hac"}
-    assert find_equal(submission.parent, read_submission(submission)) == {"hac.safetensors": "copy"}
+    for one, other in ((copy, "hac"), (read_submission(submission), "copy")):
+        (sentence,) = equal_checkpoints(submission.parent, one)
+        assert sentence.startswith("1 of ")
+        assert f"also in {other}," in sentence
 
 
 @pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)

@@ -11,7 +11,12 @@ from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import MIB
 from minitouch_bench.shapegen import exchange
 from minitouch_bench.shapegen.check import check_set
-from minitouch_bench.shapegen.exchange import ImportConfig, export, import_objects, import_one
+from minitouch_bench.shapegen.exchange import (
+    ImportConfig,
+    export_shapes,
+    import_objects,
+    import_one,
+)
 from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.object_files import find_objects, read_object
@@ -307,7 +312,7 @@ def test_an_export_can_be_imported_again(
     small_set: Path, tmp_path: Path, form: str, files: int
 ) -> None:
     shapes = load_shape_set(small_set)
-    assert export(shapes, tmp_path / "out", form) == files * len(shapes.shapes)
+    assert export_shapes(shapes, tmp_path / "out", form) == files * len(shapes.shapes)
     name = shapes.shapes[3].name
     ending = "-visual.obj" if form == "urdf" else f".{form}"
     mesh = trimesh.load(str(tmp_path / "out" / f"{name}{ending}"), force="mesh")

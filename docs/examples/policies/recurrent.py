@@ -1,6 +1,8 @@
 import torch
 from torch import Tensor, nn
 
+import minitouch_bench as mt
+
 
 class Recurrent(nn.Module):
     """A GRU over a coarse image and the touch vector."""
@@ -13,12 +15,10 @@ class Recurrent(nn.Module):
 
     def forward(self, image: Tensor, touch: Tensor) -> Tensor:
         seen = torch.cat((self.coarse(image.float() / 255), touch), 1)
-        self.state = self.cell(seen, self.state)
+        self.state[:] = self.cell(seen, self.state)
         return torch.tanh(self.head(self.state))
 
 
 policy = Recurrent().eval()  # load your weights, then set policy.state to zero
-example = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11))
-
-torch.export.save(torch.export.export(policy, example), "recurrent.pt2")
+print(mt.export(policy, "recurrent.pt2", task="pushing"))
 torch.jit.script(policy).save("recurrent.pt")  # the same policy, deprecated

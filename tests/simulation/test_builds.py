@@ -1,0 +1,42 @@
+"""The installed simulator is one of the known builds, and another library is found."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from minitouch_bench.errors import UsageError
+from minitouch_bench.simulation import builds
+
+
+def test_the_installed_library_is_known_without_being_loaded():
+    code = (
+        "import sys; from minitouch_bench.simulation import builds; print(builds.check_library()); "
+        "assert 'pybullet' not in sys.modules"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    ).stdout
+    assert "known build of pybullet" in said
+
+
+@pytest.mark.parametrize("name", [*builds.KNOWN_BUILDS, "pybullet.cpython-314-x86_64-linux-gnu.so"])
+def test_another_library_is_refused_where_a_build_is_known(name, tmp_path, monkeypatch):
+    library = tmp_path / name
+    library.write_bytes(b"\x7fELF of somebody else")
+    spec = type("Spec", (), {"origin": str(library)})
+    monkeypatch.setattr(builds.importlib.util, "find_spec", lambda _: spec)
+    if name in builds.KNOWN_BUILDS:
+        with pytest.raises(UsageError, match="--force-reinstall"):
+            builds.check_library()
+    else:
+        assert "compiled" in builds.check_library()
+
+
+def test_every_pinned_distribution_has_a_known_build():
+    pinned = (Path(__file__).parents[2] / "pyproject.toml").read_text()
+    owners = {owner for known in builds.KNOWN_BUILDS.values() for owner in known.values()}
+    assert owners == builds.BUILDS.keys()
+    for name, version in builds.BUILDS.items():
+        assert f'"{name}=={version};' in pinned
