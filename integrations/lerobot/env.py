@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
-from minitouch_bench.policies.lerobot import INSTRUCTIONS, show
+from minitouch_bench.policies.lerobot import INSTRUCTIONS, as_lerobot_image
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 
 SUITE = "minitouch"
@@ -108,6 +108,6 @@ class LeRobotForm(gymnasium.ObservationWrapper):
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Return what the task shows, in LeRobot's form."""
         return {
-            "pixels": show(observation["image"]),
+            "pixels": as_lerobot_image(observation["image"]),
             "agent_pos": observation["touch"],
         }

@@ -42,7 +42,7 @@ def record(
     is complete.
     """
     from minitouch_bench.evaluation.policy_setup import prepare_policies
-    from minitouch_bench.evaluation.recording import WRITERS, record_episodes
+    from minitouch_bench.evaluation.recording import DATASET_WRITERS, record_episodes
     from minitouch_bench.runs.plan import Plan
 
     if seed.bit_length() > PUBLIC_SEED_BITS:  # the episodes' seeds then have 128
@@ -50,7 +50,7 @@ def record(
     isolated = isolation_options(isolation, trust)
     tasks = (PROTOCOL.task(task).name,)
     plan = Plan(RECORDING_SUITE, tasks, episodes, seed, limits=isolated.limits)
-    writer = WRITERS[dataset_format]
+    writer = DATASET_WRITERS[dataset_format]
     writer.library()  # before the policy is loaded
     setup = prepare_policies(policy, plan, isolated, note)
     with episode_progress() as callbacks:

@@ -8,7 +8,7 @@ import typer
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
 from minitouch_bench.errors import CHECK_FAILED, UsageError
-from minitouch_bench.files import REPLAYS, make_folder, view_name
+from minitouch_bench.files import REPLAYS, view_name
 from minitouch_bench.text import numbered
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def replay(
     static_check.refuse_unplayable(opened)
     spec, row = opened.find(episode)
     if output is None:
-        folder = make_folder(view_directory(opened.directory or run) / REPLAYS)
+        folder = view_directory(opened.directory or run) / REPLAYS
         output = folder / view_name(episode, f"-beside{VIEWER}" if beside else VIEWER)
     if beside is not None:
         _replay_both(opened, read_run(beside), episode, output)

@@ -32,7 +32,7 @@ from minitouch_bench.reporting.labels import format_value, tasks_in_order
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
-TITLES = ("A", "B")
+SIDES = ("A", "B")
 
 LARGE = 0.1
 """A difference of a share that a study of methods is planned for."""
@@ -87,7 +87,7 @@ def compare_method_runs(
         UsageError: a method has one run, one training twice or runs under several conditions; the
             runs have too few episodes, or not the same ones.
     """
-    for title, side in zip(TITLES, sides, strict=True):
+    for title, side in zip(SIDES, sides, strict=True):
         if len(side) < 2:
             raise UsageError(
                 f"a method is compared by two training seeds or more, and --{title.lower()} names "
@@ -97,7 +97,7 @@ def compare_method_runs(
             raise UsageError(f"the runs of {title} are not of one method: their conditions differ")
     runs = [*sides[0], *sides[1]]
     kept = shared_tasks(runs)
-    pairs = pair_trainings((kept[: len(sides[0])], kept[len(sides[0]) :]), TITLES)
+    pairs = pair_trainings((kept[: len(sides[0])], kept[len(sides[0]) :]), SIDES)
     tasks = tasks_in_order(kept[:1])
     rows = [pairing.collect_values(one, tasks) for side in pairs for one in side]
     per_metric = [
@@ -116,10 +116,10 @@ def compare_method_runs(
     of_main = per_metric[metrics.index(main)]
     trainings = tuple(
         TrainingValue(title, path, float(values.second.mean()))
-        for title, side, places in zip(TITLES, of_main, paths, strict=True)
+        for title, side, places in zip(SIDES, of_main, paths, strict=True)
         for values, path in zip(side, places, strict=True)
     )
-    first, second = map(side_of, TITLES, sides, paths)
+    first, second = map(side_of, SIDES, sides, paths)
     left_out = sorted({task for run in runs for task in run.tasks} - {*tasks})
     lacking = [f"left out, because not every run has it: {task}" for task in left_out]
     notes = (*map(printable, lacking), *pairing.exploration_left_out(runs))
@@ -143,7 +143,7 @@ def _judge(
         yield MethodMetric(
             effect,
             p_adjusted,
-            effect_in_words(effect, p_adjusted, TITLES),
+            effect_in_words(effect, p_adjusted, SIDES),
             seeds_to_decide(found, seeds, ALPHA / undecided) if p_adjusted > ALPHA else None,
             seeds_to_decide(found, seeds, ALPHA, LARGE)
             if METRICS[effect.metric].is_fraction
@@ -156,7 +156,7 @@ def answer_line(comparison: MethodComparison) -> str:
     main = comparison.main
     effect = main.effect
     values = (format_value(effect.metric, one) for one in (effect.first, effect.second))
-    in_both = ", ".join(map(" ".join, zip(TITLES, values, strict=True)))
+    in_both = ", ".join(map(" ".join, zip(SIDES, values, strict=True)))
     answer = f"{main.verdict}: {effect.task} {effect.metric} {in_both}"
     if main.p_adjusted > ALPHA and main.effect.differing:
         number = gate_report.seeds_in_words(main.to_decide, comparison.trainings)
@@ -176,7 +176,7 @@ def method_blocks(comparison: MethodComparison) -> Iterator[tables.Block]:
     yield ""
     yield gate_report.trainings_table(comparison.trainings, comparison.main.effect)
     columns = tables.make_columns(
-        *TITLES, "B minus A", "p", "p adjusted", "Verdict", "Seeds to decide",
+        *SIDES, "B minus A", "p", "p adjusted", "Verdict", "Seeds to decide",
         f"Seeds for {LARGE:g}", words=["Verdict"],
     )  # fmt: skip
     rows = [

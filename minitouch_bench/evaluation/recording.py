@@ -117,7 +117,7 @@ class LeRobotWriter:
             is_last = step == len(trace.actions) - 1
             self._dataset.add_frame(
                 {
-                    lerobot.IMAGE: lerobot.show(images[step]),
+                    lerobot.IMAGE: lerobot.as_lerobot_image(images[step]),
                     lerobot.STATE: trace.touch[step],
                     "action": action,
                     "next.reward": trace.rewards[step : step + 1],
@@ -134,7 +134,7 @@ class LeRobotWriter:
 
 
 Writer = type[MinariWriter] | type[LeRobotWriter]
-WRITERS: Mapping[str, Writer] = {"minari": MinariWriter, "lerobot": LeRobotWriter}
+DATASET_WRITERS: Mapping[str, Writer] = {"minari": MinariWriter, "lerobot": LeRobotWriter}
 """The writers of datasets by the name of their format."""
 
 

@@ -46,7 +46,7 @@ PLACES = ("", "pretrained_model", "checkpoints/last/pretrained_model")
 """Where a checkpoint is in what LeRobot's trainings write."""
 
 TYPES = ("act", "diffusion")
-STEPS = (
+PROCESSOR_STEPS = (
     "rename_observations_processor",
     "to_batch_processor",
     "device_processor",
@@ -119,13 +119,13 @@ class LeRobotPolicy:
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the next action of the chunk, or the first of a new one."""
-        seen = {IMAGE: show(observation["image"]), STATE: observation["touch"].copy()}
+        seen = {IMAGE: as_lerobot_image(observation["image"]), STATE: observation["touch"].copy()}
         batch = self._before(self._prepare(seen, "cpu", self._instruction))
         (action,) = self._after(self._policy.select_action(batch))
         return action.numpy()
 
 
-def show(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def as_lerobot_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return an image (1, H, W) as LeRobot's policies and datasets have it, (H, W, 3)."""
     return np.repeat(image[0][:, :, np.newaxis], SEEN[IMAGE][0], axis=2)
 
@@ -189,9 +189,9 @@ def _read_processor(
     renamed, states = {}, {}
     for step in table["steps"]:
         kind = step.get("registry_name")
-        if kind not in STEPS:
-            text = f"its {name} has a step {kind or step.get('class')!r}; known: {', '.join(STEPS)}"
-            raise PolicyLoadError(text)
+        if kind not in PROCESSOR_STEPS:
+            text = f"its {name} has a step {kind or step.get('class')!r}"
+            raise PolicyLoadError(f"{text}; known: {', '.join(PROCESSOR_STEPS)}")
         if kind == "device_processor":
             step["config"]["device"] = "cpu"
         if kind == "rename_observations_processor":

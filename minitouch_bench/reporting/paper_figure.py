@@ -12,16 +12,25 @@ from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.report_tables import find_estimate
 
-SUFFIXES = (".svg", ".pdf", ".png")
+FIGURE_SUFFIXES = (".svg", ".pdf", ".png")
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#aa4488", "#b87a00", "#5d2f0c", "#56b4e9", "#878d96")
-MARKS = "os^vDP*X"
+POINT_COLORS = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#aa4488",
+    "#b87a00",
+    "#5d2f0c",
+    "#56b4e9",
+    "#878d96",
+)
+POINT_MARKS = "os^vDP*X"
 """Of the runs, in turn: a figure printed in gray tells them apart too."""
 
 GROUP_WIDTH = 0.7
 """Room of the runs of one task, where the tasks are 1 apart."""
 
-SETTINGS: Any = {
+PLOT_SETTINGS: Any = {
     "svg.hashsalt": "minitouch-bench", "svg.fonttype": "none", "pdf.fonttype": 42,
     "axes.spines.top": False, "axes.spines.right": False, "font.size": 9,
     "legend.frameon": False, "savefig.dpi": 300,
@@ -39,8 +48,8 @@ def figure_suffix(path: Path) -> str:
     Raises:
         UsageError: it is none that can be written.
     """
-    if path.suffix not in SUFFIXES:
-        raise UsageError(f"--figure is a file {', '.join(SUFFIXES)}, not '{path.name}'")
+    if path.suffix not in FIGURE_SUFFIXES:
+        raise UsageError(f"--figure is a file {', '.join(FIGURE_SUFFIXES)}, not '{path.name}'")
     return path.suffix
 
 
@@ -73,7 +82,7 @@ def write_figure(report: Report, metrics: tuple[str, ...], path: Path) -> None:
     }
     if not panels:
         raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
-    with rc_context(SETTINGS):
+    with rc_context(PLOT_SETTINGS):
         widths = [len(tasks) for tasks in panels.values()]
         size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 3.0)
         figure = Figure(size, layout="constrained")
@@ -108,7 +117,7 @@ def _draw_panel(axes: Any, report: Report, metric: str, tasks: list[str]) -> Non
             [max(0.0, estimate.value - estimate.low) for _, estimate in points],
             [max(0.0, estimate.high - estimate.value) for _, estimate in points],
         ]
-        color, mark = COLORS[index % len(COLORS)], MARKS[index % len(MARKS)]
+        color, mark = POINT_COLORS[index % len(POINT_COLORS)], POINT_MARKS[index % len(POINT_MARKS)]
         axes.errorbar(
             [x for x, _ in points], values, ends, label=section.name.replace("$", r"\$"),
             fmt=mark, color=color, markersize=4, capsize=2, elinewidth=1.2,

@@ -87,14 +87,17 @@ def build_report(
                 f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
                 f"the rules of {', '.join(differing)} differ"
             )
-    sections = labels.describe_runs(runs, names)
+    sections, is_selection = labels.describe_runs(runs, names), bool(tasks or metrics)
     tasks = _chosen("task", tasks, labels.tasks_in_order(runs))
     metrics = _chosen("metric", metrics, tuple(METRICS)) if metrics else TABLE4_METRICS
+    table4 = report_tables.table4(sections, tasks, metrics, with_paper=with_paper)
+    if is_selection and not table4.columns:
+        raise UsageError("no run has a value of these metrics in these tasks")
     return Report(
         tasks=tasks,
         metrics=metrics,
         sections=sections,
-        table4=report_tables.table4(sections, tasks, metrics, with_paper=with_paper),
+        table4=table4,
         diagnostics=report_tables.diagnostics(sections, tasks),
         novel_shapes=report_tables.novel_shapes(sections, tasks),
         episodes=pages.browser_data(

@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import product
 
 from minitouch_bench.episode import Outcome
-from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import (
     METRICS,
     NO_DIRECTION,
@@ -61,9 +60,6 @@ def table4(
     """Lay the runs out as Table 4: metrics down, tasks across, a column per policy.
 
     A task of which nothing is known has no columns.
-
-    Raises:
-        UsageError: that is so of every task.
     """
     printed = {
         task
@@ -77,8 +73,6 @@ def table4(
         if task in printed
         or any(find_estimate(one.run, task, metric) for one in sections for metric in metrics)
     ]
-    if not tasks:
-        raise UsageError("no run has a value of these metrics in these tasks")
     columns: list[Column] = []
     for task in tasks:
         columns += (Column(section.marked_name, task_title(task)) for section in sections)

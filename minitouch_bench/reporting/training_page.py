@@ -80,7 +80,9 @@ def training_page(directory: Path) -> str:
 def _title(settings: Mapping[str, Any]) -> str:
     """Say what was trained: task, method and seed, and the senses that it does without."""
     words = [task_title(settings["task"]), settings["method"], f"seed {settings['seed']}"]
-    explored, learned = (settings[phase]["without"] for phase in ("exploration", "task_phase"))
+    explored, learned = (
+        settings.get(phase, {}).get("without", ()) for phase in ("exploration", "task_phase")
+    )
     if explored:
         words.append(f"without {listed(explored)}")
     if more := [sense for sense in learned if sense not in explored]:

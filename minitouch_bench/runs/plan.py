@@ -122,7 +122,7 @@ class Plan:
 
     def conditions_in_light(self) -> Perturbation:
         """Return the conditions with the light that the suite has, unless they name another."""
-        light = PROTOCOL.suite(self.suite).light
+        light = next((one.light for one in PROTOCOL.suites if one.name == self.suite), 1.0)
         if light == 1.0 or self.conditions.light is not None:
             return self.conditions
         return msgspec.structs.replace(self.conditions, light=(light, light))

@@ -71,7 +71,7 @@ def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
     assert done.code == 1, done.err
     answer, following = done.out.strip().splitlines()[-2:]
     assert answer.startswith("regression: mean success ")
-    assert following.startswith("next: minitouch-bench replay bad ")
+    assert following.startswith("next: minitouch-bench replay good ")
     suite = ElementTree.parse(tmp_path / "out" / "gate.xml").getroot().find("testsuite")
     assert len(suite.findall("testcase")) > 6
     assert int(suite.attrib["failures"]) >= 3
@@ -191,12 +191,13 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(base
     document = json.loads(done.out)
     assert (done.code, document["decision"]) == (1, "regression")
     assert len(document["changes"]) == 10
-    replays = [document["next_command"], *document["changes"][-1]["replays"]]
+    replays = [document["next_command"], document["changes"][-1]["replay"]]
     for command_line in replays:
-        program, verb, directory, key = shlex.split(command_line)
+        program, verb, directory, key, *beside = shlex.split(command_line)
         assert (program, verb) == ("minitouch-bench", "replay")
         spec, row = read_run(baseline / directory).find(key)
         assert spec.key == f"{row.task}/{row.index}"
+        assert beside == ["--beside", "zero"]
     run(*command, directory=baseline).refused(6, "--resume", "--fresh")
     onto = (*command[:4], "--output", "./base", "--fresh")
     run(*onto, directory=baseline).refused(2, "holds the baseline")

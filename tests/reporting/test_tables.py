@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.comparison.comparison import compare_runs, show_comparison
+from minitouch_bench.errors import UsageError
 from minitouch_bench.reporting.report import build_report, escape_tex, show_report
 from minitouch_bench.reporting.tables import escape_md, rows_csv
 from minitouch_bench.text import printable
@@ -45,12 +46,11 @@ def test_a_narrow_screen_has_every_number_that_a_wide_one_has(width, runs):
             assert numbers(narrow).count(number) == numbers(wide).count(number), number
 
 
-def test_a_table_without_a_value_has_its_heads_alone():
+def test_a_selection_without_a_value_is_refused():
     """Playing has no success, ours or the paper's."""
     run = save(make_run("hac", tasks=("playing",), exploration=False))
-    lines = on_screen(80, show_report, build_report([run], metrics=("success",)))
-    assert lines[0] == "Playing"
-    assert "Metric" in lines[1]
+    with pytest.raises(UsageError, match="no run has a value"):
+        build_report([run], metrics=("success",))
 
 
 def test_names_stay_beside_the_numbers_that_were_split_from_them(runs):

@@ -97,7 +97,6 @@ def first_task(document):
         (lambda d: d.update(digest="f" * 64), "digest"),
         (lambda d: d["header"].update(official=True), "header.official"),
         (lambda d: d["header"].update(unofficial_because=["x"]), "header.unofficial_because"),
-        (lambda d: d["header"].update(protocol_digest="0" * 64), "header.protocol_digest"),
         (lambda d: d["header"].update(isolation="sandbox"), "header.isolation"),
         (lambda d: d["header"]["plan"].update(suite="easy"), "header.plan"),
         (lambda d: d["header"]["plan"].update(chosen=["pushing/0"]), "header.plan"),
