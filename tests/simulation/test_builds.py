@@ -40,3 +40,14 @@ def test_every_pinned_distribution_has_a_known_build():
     assert owners == builds.BUILDS.keys()
     for name, version in builds.BUILDS.items():
         assert f'"{name}=={version};' in pinned
+
+
+@pytest.mark.parametrize(
+    ("python", "build"),
+    [((3, 11), "pybullet==3.2.7"), ((3, 13), "pybullet-arm64==3.2.8")],
+)
+def test_another_simulator_than_the_protocol_s_is_refused(monkeypatch, python, build):
+    monkeypatch.setattr(builds, "installed_versions", lambda _: {"pybullet": "3.2.6"})
+    monkeypatch.setattr(builds.sys, "version_info", python)
+    with pytest.raises(UsageError, match=f"pip install {build}"):
+        builds.check_version()

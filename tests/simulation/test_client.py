@@ -58,17 +58,6 @@ def test_a_world_that_nothing_uses_is_freed():
     assert not simulator.pybullet.isConnected(number)
 
 
-@pytest.mark.parametrize(
-    ("python", "build"),
-    [((3, 11), "pybullet==3.2.7"), ((3, 13), "pybullet-arm64==3.2.8")],
-)
-def test_another_simulator_than_the_protocol_s_is_refused(monkeypatch, python, build):
-    monkeypatch.setattr(simulator, "installed_versions", lambda _: {"pybullet": "3.2.6"})
-    monkeypatch.setattr(simulator.sys, "version_info", python)
-    with pytest.raises(UsageError, match=f"pip install {build}"):
-        simulator._check_build()
-
-
 def test_the_pixels_of_points_are_where_the_camera_sees_them():
     camera = CameraSpec((0.5, 0.1, 0.0), 30.0, -50.0, near=0.1)
     x, y = seen_on_plane(camera, 0.02, (60, 40))
