@@ -141,7 +141,7 @@ def evaluate(
     if as_json:
         print(run_json(run).decode(), end="")
     else:
-        show_report(build_report([run]), data_console(), diagnostics=True)
+        show_report(build_report([run]), data_console())
     assert run.directory is not None
     note(f"report: {run.directory / 'report.html'}")
     if run.faults:
