@@ -97,7 +97,7 @@ def _test_group(task: str, episodes: Sequence[Episode]) -> StartTest:
         return untested
     members = np.array([one.members for one in bins], np.float64)
     observed = _differences(success[None], members)[0]
-    # Drawn anew for other outcomes: one set of permutations for all would err in one direction.
+    # Each group draws its own permutations: shared ones would give all groups the same error.
     rng = stream((), task, "starts", success.tobytes().hex())
     as_large = sum(
         int(np.count_nonzero(_differences(block, members).max(axis=1) >= observed.max() - 1e-9))

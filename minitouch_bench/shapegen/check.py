@@ -1,4 +1,4 @@
-"""Check a whole set against its manifest, and make a page with a picture of each shape."""
+"""Check a shape set against its manifest, and write a page with a picture of each shape."""
 
 import base64
 import io

@@ -11,7 +11,6 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.agents.batches import random_batch
 
 CONFIG = CuriosityConfig(width=0.25, bfloat16=False, learning_rate=1e-3)
-KEYS = ("image", "touch")
 CURIOUS = [method for method in METHODS if method != "sac"]
 
 
@@ -160,15 +159,16 @@ def test_what_was_never_seen_surprises_more_than_the_nearest_to_the_camera(metho
 
 def transitions(seen, rows):
     """Return rows of (observation, action, next observation) as a batch."""
-    (images, touch), actions, (next_images, next_touch) = (
-        torch.as_tensor(np.stack([seen[row][1] for row in rows]))
-        if part == 1
-        else [torch.as_tensor(np.stack([seen[row][part][key] for row in rows])) for key in KEYS]
-        for part in range(3)
+    now, actions, then = zip(*(seen[row] for row in rows), strict=True)
+    images, touch, next_images, next_touch = (
+        torch.as_tensor(np.stack([one[key] for one in observed]))
+        for observed in (now, then)
+        for key in ("image", "touch")
     )
     return replace(
         random_batch(len(rows)),
-        image=images, touch=touch, action=actions, next_image=next_images, next_touch=next_touch,
+        image=images, touch=touch, next_image=next_images, next_touch=next_touch,
+        action=torch.as_tensor(np.stack(actions)),
     )  # fmt: skip
 
 
