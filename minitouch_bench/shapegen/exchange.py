@@ -63,14 +63,10 @@ CROSSING = "its faces cross each other, so that it encloses no certain volume; r
 
 LENGTH = (0.010, 0.125)
 """Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
-SEEN_LENGTH = 0.04
-"""Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
 """That of water, kg/m³."""
 METERS = (1.0, 0.001, 0.01, 0.0254)
 """Meters in what the unit of a file can be: m, mm, cm, inches."""
-MOST_TRIES = 4
-"""Scales that are tried for an object whose size is refused."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +221,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> Imported:
         try:
             entry, record = shape_of(closed, scale, config.density)
         except soundness.UnsoundError as error:
-            advice = "" if config.fit else _advice(closed, config, error)
+            advice = "" if config.fit else _advice(closed, config, error.reason)
             return f"{error}{advice}", {}, b""
     except (UnreadableError, soundness.UnsoundError) as error:
         return str(error), {}, b""
@@ -260,25 +256,20 @@ def shape_of(
     return {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
 
 
-def _advice(closed: Mesh, config: ImportConfig, error: soundness.UnsoundError) -> str:
+def _advice(closed: Mesh, config: ImportConfig, reason: soundness.Reason) -> str:
     """Return a scale that is accepted, in words; "" where the size is not the reason.
 
-    A usual unit is preferred where the object is far too long or too short.
+    The units that give a possible length are tried first, then the scale that ``--fit`` takes.
     """
-    scale, said, (low, high) = config.scale, list[str](), LENGTH
+    if reason not in (soundness.Reason.SIZE, soundness.Reason.UNSEEN):
+        return ""
+    low, high = LENGTH
     units = [unit for unit in METERS if low <= _length(closed) * unit <= high]
-    if low <= _length(closed) * scale <= high:
-        units = []
-    while error.factor and len(said) < MOST_TRIES:
-        scale = units.pop(0) if units else float(f"{scale * error.factor:.3g}")
-        try:
+    for scale in (*units, float(f"{_fitting(closed):.3g}")):
+        with suppress(soundness.UnsoundError):
             shape_of(closed, scale, config.density)
-        except soundness.UnsoundError as other:
-            error = other
-            said.append(f"with --scale {scale:g} {other}")
-        else:
             return f"; accepted with --scale {scale:g}"
-    return "; ".join(["", "no accepted scale was found", *said[-2:]]) if said else ""
+    return "; no accepted scale was found"
 
 
 def closed_mesh(mesh: Mesh) -> Mesh:
@@ -301,15 +292,11 @@ def _sized(closed: Mesh, scale: float) -> Mesh:
     Raises:
         UnsoundError: it is too long or too short.
     """
-    longest, (low, high) = _length(closed), LENGTH
-    if not low <= longest * scale <= high:
-        hull = _unit_hull(closed)
-        excess = longest * soundness.lying_excess(hull, rest_poses(hull)[0])
-        most = 0.99 * min(high / longest, 1.0 / excess)
-        nearest = float(np.clip(scale, SEEN_LENGTH / longest, most)) / scale
-        size = soundness.in_mm(longest * scale)
-        found = f"{size}, not {low * 1000:.0f} to {soundness.in_mm(high, 0)}"
-        raise soundness.UnsoundError(soundness.Reason.SIZE, found, nearest)
+    length, (low, high) = _length(closed) * scale, LENGTH
+    if not low <= length <= high:
+        limits = f"{low * 1000:.0f} to {soundness.in_mm(high, 0)}"
+        found = f"{soundness.in_mm(length)}, not {limits}"
+        raise soundness.UnsoundError(soundness.Reason.SIZE, found)
     mesh = Mesh(quantized(closed.vertices * scale), closed.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
     cleaned = solids.to_mesh(solids.to_solid(mesh))

@@ -95,14 +95,10 @@ HIGHEST_PUSHED = 0.080
 
 
 class UnsoundError(Exception):
-    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number.
+    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number."""
 
-    ``factor``: what makes its size pass, 0 where a size is not the reason or none is known.
-    """
-
-    def __init__(self, reason: Reason, detail: str = "", factor: float = 0.0) -> None:
+    def __init__(self, reason: Reason, detail: str = "") -> None:
         """Keep the reason for counting."""
-        self.factor = factor
         super().__init__(f"{reason.value}{f' ({detail})' if detail else ''}")
         self.reason = reason
 
@@ -229,23 +225,16 @@ def check_usable(body: Body, pose: RestPose, refuse: Refuse) -> None:
         UnsoundError: the hand can begin inside it, or the policy's camera hardly sees it.
     """
     height, across = (round(side, 4) for side in height_and_width(body.visual, pose))
-    if (excess := lying_excess(body.visual, pose)) > 1.0:
+    if height > HIGHEST or across > WIDEST:
         limits = f"at most {in_mm(HIGHEST, 0)} and {in_mm(WIDEST, 0)}"
         found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
-        raise UnsoundError(Reason.SIZE, found, 0.99 / excess)
+        raise UnsoundError(Reason.SIZE, found)
     if height > HIGHEST_PUSHED:
         refuse(Reason.IN_HAND, f"{in_mm(height)}, not at most {in_mm(HIGHEST_PUSHED, 0)}")
     with open_rig(body) as rig:
         pixels = rig.visible_pixels(pose)
     if pixels < (least := PROTOCOL.observation.least_visible_pixels):
-        found = f"{pixels} pixels where it is farthest, not {least}"
-        raise UnsoundError(Reason.UNSEEN, found, 1.1 * (least / max(1, pixels)) ** 0.5)
-
-
-def lying_excess(mesh: Mesh, pose: RestPose) -> float:
-    """Return how many times too large a mesh is in a pose, at most 1 where it is not."""
-    height, across = (round(side, 4) for side in height_and_width(mesh, pose))
-    return max(height / HIGHEST, across / WIDEST)
+        raise UnsoundError(Reason.UNSEEN, f"{pixels} pixels where it is farthest, not {least}")
 
 
 def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:
