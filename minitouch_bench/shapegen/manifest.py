@@ -134,7 +134,7 @@ class Shape(Struct, frozen=True, rename=KEYS):
         except OSError as error:
             raise UsageError(f"{self.pack} cannot be read: {error.strerror}") from error
         if digest(record) != self.digest:
-            raise UsageError(f"{self.name}: its bytes in {self.pack} do not match the manifest")
+            raise UsageError(f"{self.pack}: the bytes of {self.name} are not the manifest's")
         return record
 
     def body(self) -> Body:

@@ -60,8 +60,9 @@ class ContactWatch:
     """Contact between two fingers and some links of one body.
 
     A finger touches at a tick when one of its contact points carries a normal force > 0.
-    ``contact_ticks`` counts ticks with at least one touching finger, ``onsets`` the times a
-    finger began to touch; ``first_tick`` is the episode's first tick of contact, -1 if none.
+    Of the control step that ``begin_step`` began, ``ticks`` counts the ticks, ``contact_ticks``
+    those with at least one touching finger, and ``onsets`` the times a finger began to touch.
+    ``first_tick`` is the episode's first tick of contact, -1 if there was none.
     """
 
     def __init__(
@@ -72,10 +73,14 @@ class ContactWatch:
         self._target = target
         self._links = frozenset(target_links)
         self._touching: frozenset[int] = frozenset()
-        self._ticks = 0
-        self.contact_ticks = 0
-        self.onsets = 0
+        self._ticks_before = 0
+        self.ticks = self.contact_ticks = self.onsets = 0
         self.first_tick = -1
+
+    def begin_step(self) -> None:
+        """Count from 0 again."""
+        self._ticks_before += self.ticks
+        self.ticks = self.contact_ticks = self.onsets = 0
 
     def after_tick(self) -> None:
         """Look at the contacts of the tick just done."""
@@ -90,9 +95,9 @@ class ContactWatch:
             self.contact_ticks += 1
             self.onsets += len(touching - self._touching)
             if self.first_tick < 0:
-                self.first_tick = self._ticks
+                self.first_tick = self._ticks_before + self.ticks
         self._touching = touching
-        self._ticks += 1
+        self.ticks += 1
 
 
 OBSERVATION = PROTOCOL.observation

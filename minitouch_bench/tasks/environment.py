@@ -147,15 +147,14 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         given = fit_action(action, self.task.spec.action_size)
         applied = np.clip(given, -1.0, 1.0)
-        workspace, watch = self.task.spec.workspace, self._watch
-        contact_ticks, onsets = watch.contact_ticks, watch.onsets
-        ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
+        workspace = self.task.spec.workspace
+        self._watch.begin_step()
+        self.arm.move(applied, workspace.low, workspace.high, self._watch.after_tick)
         self._steps += 1
         outcome = self.task.outcome(self.client)
         truncated = outcome is None and self._steps >= self._max_steps
-        counted = ticks, watch.contact_ticks - contact_ticks, watch.onsets - onsets
         ended = Outcome.STEP_LIMIT if truncated else outcome
-        info = self._info(applied, ended, counted, clipped=bool((given != applied).any()))
+        info = self._info(applied, ended, clipped=bool((given != applied).any()))
         reward = self.task.reward(self.client, outcome)
         return self._observe(), reward, outcome is not None, truncated, info
 
@@ -243,21 +242,19 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self,
         action: NDArray[np.float32],
         outcome: Outcome | None = None,
-        counted: tuple[int, int, int] = (0, 0, 0),
         *,
         clipped: bool = False,
     ) -> Info:
-        """Return a step's info; ``counted``: its ticks, those with contact, and its onsets."""
-        ticks, contact_ticks, onsets = counted
+        """Return the info of the step that has just been done."""
         # Arrays, for vector environments stack no numpy.bool_.
         success = np.array(outcome is Outcome.SUCCESS)
         return {
             "is_success": success,
             "success": success.copy(),
             "outcome": np.int64(OUTCOMES.index(outcome)),
-            "ticks": np.int64(ticks),
-            "contact_ticks": np.int64(contact_ticks),
-            "onsets": np.int64(onsets),
+            "ticks": np.int64(self._watch.ticks),
+            "contact_ticks": np.int64(self._watch.contact_ticks),
+            "onsets": np.int64(self._watch.onsets),
             "first_touch_tick": np.int64(self._watch.first_tick),
             "object_state": self.task.object_state(self.client),
             "action": action,
