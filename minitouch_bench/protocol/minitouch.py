@@ -8,7 +8,7 @@ the fact behind every R and the reason of every D. A change here changes episode
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated
 
 import numpy as np
@@ -185,12 +185,7 @@ PICK_UP = PickUpSpec(
     portrait=TABLETOP_PORTRAIT,
     workspace=Workspace((0.5, -0.20, 0.0), (0.75, 0.20, 0.15)),  # R
     camera=_overhead(0.625, 0.0),
-    arm=ArmSpec(
-        start_joints=POINTING_DOWN.start_joints,
-        posture=POINTING_DOWN.posture,
-        motor_force=(60.0, 60.0),  # D
-        discrete_gripper=True,
-    ),
+    arm=replace(POINTING_DOWN, motor_force=(60.0, 60.0), discrete_gripper=True),  # D
     force_limit=200.0,  # R
     default_objects=Split.TRAIN.value,
     object_can_leave=True,  # T

@@ -3,8 +3,9 @@
 import base64
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from minitouch_bench.errors import InfrastructureError, UsageError
 from minitouch_bench.files import GIB, os_errors_as, read_file, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import CameraSpec, Split
-from minitouch_bench.shapegen.body_codec import Body, decode, digest
+from minitouch_bench.shapegen.body_codec import digest
 from minitouch_bench.shapegen.generate import Progress, record_facts
 from minitouch_bench.shapegen.geometry import RestPose, product, yaw
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, splits_of
@@ -33,23 +34,16 @@ def check_set(
     shapes: ShapeSet, workers: int = 1, quick: bool = False, progress: Progress = lambda *_: None
 ) -> tuple[str, ...]:
     """Return the problems of a set; ``quick`` leaves out the proofs in the simulator."""
-    problems = [*_manifest_problems(shapes)]
-    bodies: dict[int, Body] = {}
-    for position, shape in enumerate(shapes.shapes):
-        try:
-            bodies[position] = shape.body()
-        except UsageError as error:
-            problems.append(f"{shape.name}: {error}")
-            continue
-        listed = shapes.document["shapes"][position]
-        problems += [
-            f"{shape.name}: {key} is {listed[key]} in the manifest, {found} in the record"
-            for key, found in record_facts(bodies[position]).items()
-            if listed[key] != found
-        ]
-    if not quick:
-        problems += _unsound(shapes, bodies, workers, progress)
-    return tuple(problems)
+    examine = partial(examine_shape, is_imported=_is_imported(shapes), quick=quick)
+    jobs = [*zip(shapes.shapes, shapes.document["shapes"], strict=True)]
+    found: dict[int, tuple[str, ...]] = {}
+    for place, problems in run_in_workers(examine, jobs, workers, name=lambda job: job[0].name):
+        found[place] = problems
+        progress(len(found), len(jobs))
+    return (
+        *_manifest_problems(shapes),
+        *(text for place in sorted(found) for text in found[place]),
+    )
 
 
 def _is_imported(shapes: ShapeSet) -> bool:
@@ -77,26 +71,6 @@ def _manifest_problems(shapes: ShapeSet) -> Iterator[str]:
             yield f"{shape.name} is marked {shape.split}, the rule says {split}"
 
 
-def _unsound(
-    shapes: ShapeSet, bodies: Iterable[int], workers: int, progress: Progress
-) -> Iterator[str]:
-    """Yield the shapes that fail a criterion, or measure otherwise than the manifest says."""
-    order = [*bodies]
-    tasks = [(shapes.shapes[position].record(), _is_imported(shapes)) for position in order]
-    verdicts: dict[int, tuple[str, Any]] = {}
-    for task, verdict in run_in_workers(examine_record, tasks, workers, name=lambda _: "a proof"):
-        verdicts[task] = verdict
-        progress(len(verdicts), len(order))
-    for task, position in enumerate(order):
-        shape, (reason, measured) = shapes.shapes[position], verdicts[task]
-        if reason:
-            yield f"{shape.name}: {reason}"
-        for key, found in measured.items():
-            listed = getattr(shape, key)
-            if not _close(key, found, listed):
-                yield f"{shape.name}: {key} measures {found}, not {listed}"
-
-
 def _close(key: str, measured: Any, listed: Any) -> bool:
     """Say whether two measurements agree but for the rounding of another processor."""
     if key == "poses":
@@ -110,18 +84,28 @@ def _numbers(pose: RestPose) -> list[float]:
     return [pose.height, pose.probability, *pose.rotation.ravel().tolist()]
 
 
-def examine_record(task: tuple[bytes, bool]) -> tuple[str, dict[str, Any]]:
-    """Return the reason a record's body is unsound ("" if none) and its measures.
+def examine_shape(
+    job: tuple[Shape, Mapping[str, Any]], *, is_imported: bool, quick: bool
+) -> tuple[str, ...]:
+    """Return in what a shape is unsound or differs from its entry in the manifest.
 
     Of an imported one the sizes, poses and grips are measured only.
     """
-    record, is_imported = task
-    body = decode(record)
+    (shape, listed), problems = job, list[str]()
     try:
-        measures = check_body(body, (lambda *_: None) if is_imported else strictly)
-    except UnsoundError as error:
-        return str(error), {}
-    return "", {**measures, "density": body.mass / measures["volume_m3"]}
+        body = shape.body()
+        for key, found in record_facts(body).items():
+            if listed[key] != found:
+                problems.append(f"{key} is {listed[key]} in the manifest, {found} in the record")
+        if not quick:
+            measured = check_body(body, (lambda *_: None) if is_imported else strictly)
+            measured["density"] = body.mass / measured["volume_m3"]
+            for key, found in measured.items():
+                if not _close(key, found, getattr(shape, key)):
+                    problems.append(f"{key} measures {found}, not {getattr(shape, key)}")
+    except (UsageError, UnsoundError) as error:
+        problems.append(str(error))
+    return tuple(f"{shape.name}: {problem}" for problem in problems)
 
 
 TEMPLATE = Path(__file__).with_name("preview.html.j2")

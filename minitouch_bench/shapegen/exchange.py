@@ -7,7 +7,7 @@ memory of the workers that import is limited.
 import math
 import re
 import resource
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -26,14 +26,7 @@ from minitouch_bench.files import GIB, lock_directory, os_errors_as, replace_fil
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen import solids, soundness
-from minitouch_bench.shapegen.body_codec import (
-    Body,
-    body_files,
-    digest,
-    encode,
-    obj_text,
-    quantized,
-)
+from minitouch_bench.shapegen.body_codec import body_files, digest, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
 from minitouch_bench.shapegen.geometry import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
@@ -129,17 +122,17 @@ def import_objects(
     with lock_directory(folder):
         _check_output(folder, fresh=fresh)
         answers = _import_all(objects, config, workers, progress)
-        refused = {name: reason for name, (reason, _, _) in answers.items() if reason}
-        accepted = {name: answer for name, answer in answers.items() if name not in refused}
-        first: dict[str, str] = {}
-        for name, (_, entry, record) in accepted.items():
+        refused, not_promised = dict[str, str](), dict[str, list[str]]()
+        kept, first = [], dict[str, str]()
+        for name, plain in zip(objects, _plain_names(objects), strict=True):
+            reason, entry, record = answers[name]
+            if reason:
+                refused[name] = reason
+                continue
+            not_promised[name] = entry["not_promised"]
             if (same := first.setdefault(digest(record), name)) != name:
-                entry["not_promised"].append(f"{soundness.Reason.COPY} ({same})")
-        plain = dict(zip(objects, _plain_names(objects), strict=True))
-        kept = [
-            ({"name": plain[name], "family": FAMILY, "source": name, **entry}, record)
-            for name, (_, entry, record) in accepted.items()
-        ]
+                not_promised[name].append(f"{soundness.Reason.COPY} ({same})")
+            kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
         set_digest = ""
         if kept:
             how: dict[str, Any] = {"scale": config.scale, "fit": config.fit}
@@ -147,7 +140,6 @@ def import_objects(
                 how["scales"] = dict(config.scales)
             header = {"name": folder.absolute().name, "imported": how, "refused": refused}
             set_digest = content_digest(write_set(folder, header, kept))
-    not_promised = {name: entry["not_promised"] for name, (_, entry, _) in accepted.items()}
     return ImportResult(set_digest, len(kept), refused, not_promised)
 
 
@@ -390,14 +382,10 @@ def export_shapes(shapes: ShapeSet, folder: Path, form: str, split: str | None =
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for shape in shapes.split(split) if split else shapes.shapes:
-            for name, content in WRITERS[form](shape.body(), shape.name).items():
+            files = body_files(shape.body(), shape.name)
+            if form == "obj":
+                files = {f"{shape.name}.obj": obj_text((shape.body().visual,)).encode()}
+            for name, content in files.items():
                 replace_file(folder / name, content)
-                written += 1
+            written += len(files)
     return written
-
-
-WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {
-    "urdf": body_files,
-    "obj": lambda body, name: {f"{name}.obj": obj_text((body.visual,)).encode()},
-}
-"""Every export format by name: from a body and its name to file names and their bytes."""

@@ -236,10 +236,6 @@ class PhysicsClient:
         linear, angular = self._bullet.getBaseVelocity(body)
         return math.hypot(*linear), math.hypot(*angular)
 
-    def lowest_point(self, body: int) -> float:
-        """Return the height of a body's lowest point (m), its collision margin included."""
-        return float(self._bullet.getAABB(body, -1)[0][2])
-
     def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
         """Multiply the mass, the file's moments of inertia and the friction of a body's links."""
         for link in links:
@@ -320,10 +316,6 @@ class PhysicsClient:
         """Return the contact points of the last tick between two bodies."""
         points = pybullet.getContactPoints(body_a, body_b, ANY_LINK, ANY_LINK, self._bullet.id)
         return [Contact(point[3], point[4], point[9]) for point in points]
-
-    def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:
-        """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
-        return len(self._bullet.getClosestPoints(body_a, body_b, distance)) > 0
 
     def contact_force(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the normal forces (N) that contacts put on a link, summed, in the world."""

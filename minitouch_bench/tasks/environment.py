@@ -160,8 +160,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def start(self) -> Start:
         """Return where the objects and the end effector are, which a reset has just placed."""
-        x, y, z = self.arm.position
-        return self.task.start(self.client, (x, y, z))
+        return self.task.start(self.client, self.arm.position)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return ``picture()`` if ``render_mode`` asks for it, else None."""
