@@ -14,6 +14,7 @@ from minitouch_bench.simulation.panda_arm import (
     PandaKinematics,
 )
 from minitouch_bench.tasks.task import TASK_CLASSES
+from tests.tasks.playback import overlapping
 
 DOWN = quaternion_from_euler((0.0, -math.pi, math.pi / 2))
 
@@ -40,7 +41,7 @@ def test_every_position_of_the_workspace_is_reached_clear_of_the_table(task):
         for joint, angle in zip(ARM_JOINTS, joints, strict=True):
             client.set_joint(body, joint, angle)
         assert math.dist(client.placed_link_position(body, END_EFFECTOR), position) < 1e-4
-        assert not client.overlapping(body, table, 0.005)
+        assert not overlapping(client, body, table, 0.005)
     kinematics.close()
     client.close()
 
