@@ -16,12 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from minitouch_bench.errors import (
-    InfrastructureError,
-    MiniTouchError,
-    RunDirectoryError,
-    UsageError,
-)
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
 from minitouch_bench.files import GIB, lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
@@ -203,7 +198,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> Imported:
     """Import one file.
 
     Raises:
-        MiniTouchError: something failed that is not the file's fault; an OSError too.
+        OSError: something failed that is not the file's fault.
     """
     path, config = task
     try:
@@ -219,7 +214,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> Imported:
         return str(error), {}, b""
     except MemoryError:
         return f"it takes more than {MOST_MEMORY // GIB} GiB of memory", {}, b""
-    except (MiniTouchError, OSError):
+    except OSError:
         raise
     except Exception as error:  # a degenerate surface can fail in any step
         return f"no solid can be made of its surface ({type(error).__name__})", {}, b""

@@ -115,8 +115,6 @@ def in_mm(length: float, digits: int = 1) -> str:
 
 def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
     """Check a visual mesh on its own; return its genus and its thinnest wall in m."""
-    if not np.isfinite(mesh.vertices).all():
-        raise UnsoundError(Reason.NOT_FINITE)
     if len(mesh.faces) > LIMITS.max_faces:
         raise UnsoundError(Reason.FACES, f"{len(mesh.faces)}, at most {LIMITS.max_faces}")
     solid = to_solid(mesh)

@@ -38,7 +38,7 @@ def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:
     pack = bytearray(shape.pack.read_bytes())
     pack[shape.offset + shape.length // 2] ^= 1
     shape.pack.write_bytes(pack)
-    record, whole = check_set(load_shape_set(small_set), quick=True)
+    whole, record = check_set(load_shape_set(small_set), quick=True)
     assert record.startswith("shape-0005: ")
     assert "are not the manifest's" in record
     assert whole == "the pack's SHA-256 is not the manifest's"

@@ -103,15 +103,11 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     answers = [(reason, {**entry, "not_promised": []}, record) for _ in files]
     monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: enumerate(answers))
     result = import_objects([given], folder, ImportConfig())
-    assert result.accepted == len(files)
-    copies = [texts for texts in result.not_promised.values() if "same solid" in str(texts)]
-    assert len(copies) == len(files) - 1
+    assert ["same solid" in str(texts) for texts in result.not_promised.values()].count(True) == 4
     assert check_set(load_shape_set(folder), quick=True) == ()
     names = {entry["source"]: entry["name"] for entry in load_shape_set(folder).document["shapes"]}
     assert names.keys() == set(files)
-    assert len(set(names.values())) == len(files)
-    assert names["mug (1).obj"] == "mug_1_"
-    assert {"mug", "mug-2", "a-b", "a-b-2"} <= set(names.values())
+    assert {*names.values()} == {"mug", "mug-2", "mug_1_", "a-b", "a-b-2"}
 
 
 def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
@@ -250,30 +246,19 @@ def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
     assert "memory" in result.refused["large.stl"]
 
 
-def test_one_file_may_have_another_unit(tmp_path: Path) -> None:
-    files = [
-        written(tmp_path / "meters.stl", block()),
-        written(tmp_path / "bracket.stl", block(60, 20, 8), moved(block(8, 20, 60), -26, 0, 26)),
-    ]
-    with pytest.raises(UsageError, match="brackets"):
-        import_objects(files, tmp_path / "set", ImportConfig(scales={"brackets.stl": 0.001}))
+def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path: Path) -> None:
+    path = written(tmp_path / "bracket.stl", block(60, 20, 8), moved(block(8, 20, 60), -26, 0, 26))
     config = ImportConfig(scales={"bracket.stl": 0.001})
-    assert import_objects(files, tmp_path / "set", config).refused == {}
+    assert import_objects([path], tmp_path / "set", config).refused == {}
     shapes = load_shape_set(tmp_path / "set")
     assert shapes.by_name("bracket").sides_m == pytest.approx((0.06, 0.02, 0.06))
     assert shapes.document["imported"]["scales"] == config.scales
 
 
 def test_only_an_imported_set_is_replaced(tmp_path: Path, small_set: Path) -> None:
-    folder = tmp_path / "mine"
-    for name in ("one", "two"):
-        block().export(str(tmp_path / f"{name}.stl"))
-        import_objects([tmp_path / f"{name}.stl"], folder, ImportConfig(), fresh=True)
-        assert [shape.name for shape in load_shape_set(folder).shapes] == [name]
-    with pytest.raises(RunDirectoryError, match="--fresh"):
-        import_objects([tmp_path / "one.stl"], folder, ImportConfig())
+    path = written(tmp_path / "one.stl", block())
     with pytest.raises(RunDirectoryError, match="not imported"):
-        import_objects([tmp_path / "one.stl"], small_set, ImportConfig(), fresh=True)
+        import_objects([path], small_set, ImportConfig(), fresh=True)
     assert len(load_shape_set(small_set).shapes) == 16
 
 

@@ -1,3 +1,4 @@
+import json
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ def test_a_family_is_a_pure_function_of_its_generator(name: str) -> None:
 def made_again(indices: list[int]) -> list[dict[str, Any]]:
     """Make shapes in workers, whose arithmetic is the same on every processor."""
     made = dict(run_in_workers(make_shape, [(0, i) for i in indices], workers=2, name=str))
-    return [made[place][0] for place in range(len(indices))]
+    return [json.loads(json.dumps(made[place][0])) for place in range(len(indices))]
 
 
 def test_a_shape_made_again_is_the_committed_one_with_all_its_measures() -> None:

@@ -83,11 +83,10 @@ def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> N
 
 
 def test_unknown_names(small_set: Path) -> None:
-    shapes = load_shape_set(small_set)
     with pytest.raises(UsageError, match="no shape 'shape-9999'"):
-        shapes.by_name("shape-9999")
+        load_shape_set(small_set).by_name("shape-9999")
     with pytest.raises(UsageError, match=r"no split 'test'; it has held-out, train$"):
-        shapes.split("test")
+        load_shape_set(small_set).split("test")
 
 
 def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> None:
