@@ -101,11 +101,7 @@ def test_a_mirrored_part_keeps_its_outside(tmp_path: Path, scale: str) -> None:
     block(*BLOCK, at=0.04).export(str(tmp_path / "half.stl"))
     path = urdf(tmp_path / "thing.urdf", ("half.stl", "1 1 1"), ("half.stl", scale))
     assert solid_moments(read_object(path)).volume == pytest.approx(2 * np.prod(BLOCK))
-
-
-def test_a_scale_of_0_is_named(tmp_path: Path) -> None:
-    block().export(str(tmp_path / "a.stl"))
-    assert "scale is 0" in refusal(urdf(tmp_path / "thing.urdf", ("a.stl", "0 1 1")))
+    assert "scale is 0" in refusal(urdf(path, ("half.stl", "0 1 1")))
 
 
 def test_a_mesh_of_a_ros_package_is_found_in_a_folder_above(tmp_path: Path) -> None:
@@ -182,10 +178,8 @@ def test_files_and_folders_are_given_together(tmp_path: Path) -> None:
         find_objects([tmp_path / "meshes", tmp_path / "meshes" / "box.obj"])
     with pytest.raises(UsageError, match="is not an OBJ"):
         find_objects([tmp_path / "letter.txt"])
-
-
-def test_an_empty_folder_and_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="contains no object"):
-        find_objects([tmp_path])
     with pytest.raises(UsageError, match="does not exist"):
         find_objects([tmp_path / "nowhere"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UsageError, match="contains no object"):
+        find_objects([tmp_path / "empty"])

@@ -42,8 +42,6 @@ def test_every_position_of_the_workspace_is_reached_clear_of_the_table(task):
             client.set_joint(body, joint, angle)
         assert math.dist(client.placed_link_position(body, END_EFFECTOR), position) < 1e-4
         assert not overlapping(client, body, table, 0.005)
-    kinematics.close()
-    client.close()
 
 
 def test_a_solution_depends_on_the_pose_alone():
@@ -53,8 +51,6 @@ def test_a_solution_depends_on_the_pose_alone():
     backwards = [other.solve(*pose) for pose in reversed(wanted)]
     assert forwards == backwards[::-1]
     assert forwards == [one.solve(*pose) for pose in wanted]
-    one.close()
-    other.close()
 
 
 def test_joints_are_kept_within_their_limits():
@@ -63,7 +59,6 @@ def test_joints_are_kept_within_their_limits():
     assert not kinematics.within_limits(far)
     assert kinematics.within_limits(kinematics.clamp(far))
     assert not kinematics.within_limits([math.nan] * 7)
-    kinematics.close()
 
 
 CLEAR_M = {"playing": 0.03, "pushing": 0.03, "pick-up": 0.03, "opening": 0.12}
@@ -111,10 +106,7 @@ class Bench:
 
 @pytest.fixture(params=list(TASK_CLASSES))
 def bench(request):
-    made = Bench(request.param)
-    yield made
-    made.kinematics.close()
-    made.client.close()
+    return Bench(request.param)
 
 
 def test_the_end_effector_reaches_its_target_in_free_space(bench):

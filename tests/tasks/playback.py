@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.simulation.client import PhysicsClient, pybullet
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -46,5 +46,4 @@ def digest(environment: MiniTouchEnv, seed: int, steps: int) -> str:
 
 def overlapping(client: PhysicsClient, one: int, other: int, distance: float) -> bool:
     """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
-    world = client._bullet.id
-    return len(pybullet.getClosestPoints(one, other, distance, physicsClientId=world)) > 0
+    return len(client._bullet.getClosestPoints(one, other, distance)) > 0
