@@ -193,27 +193,6 @@ PICK_UP = PickUpSpec(
     cube=CubeSpec(side=0.045, mass=0.2),  # D
 )
 
-TASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
-"""Every task, in the order of every table."""
-
-SUITE_SPECS = (
-    SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
-    SuiteSpec(
-        "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
-    ),
-    SuiteSpec(
-        "dark",
-        ("playing", "opening", "pick-up"),
-        100,
-        rankable=True,
-        light=0.0,
-        lacks="the light is off, and the target of pushing cannot be felt",
-    ),
-    SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
-)
-"""Every suite."""
-
-
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
     seeds=2,
@@ -221,8 +200,22 @@ PROTOCOL = ProtocolSpec(
     control=ControlSpec(),
     observation=ObservationSpec(),
     shapes="975ccc9ddde05b4519a40f17a4b56ae0a3109eb5e3d9b57893312bdb06c26ea8",
-    tasks=TASK_SPECS,
-    suites=SUITE_SPECS,
+    tasks=(PLAYING, PUSHING, OPENING, PICK_UP),
+    suites=(
+        SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
+        SuiteSpec(
+            "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
+        ),
+        SuiteSpec(
+            "dark",
+            ("playing", "opening", "pick-up"),
+            100,
+            rankable=True,
+            light=0.0,
+            lacks="the light is off, and the target of pushing cannot be felt",
+        ),
+        SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
+    ),
 )
 """The protocol, whose tasks every list of tasks anywhere follows."""
 

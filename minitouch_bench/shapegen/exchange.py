@@ -267,8 +267,9 @@ def closed_mesh(mesh: Mesh) -> Mesh:
     """
     moved = in_body_frame(solids.simplified_solid(_solid_of(mesh), BUILD.faces))
     low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)
-    spread = np.diag(solid_moments(moved).second)
-    if not ((low < 0.0) & (high > 0.0) & (spread > 0.0)).all():  # of a solid all three are true
+    moments = np.diag(solid_moments(moved).inertia)
+    # Of a solid all three are true: no moment is as large as the two others together.
+    if not ((low < 0.0) & (high > 0.0) & (2.0 * moments < moments.sum())).all():
         raise UnreadableError(CROSSING)
     return moved
 

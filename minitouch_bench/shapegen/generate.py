@@ -276,7 +276,7 @@ def weighed(mesh: Mesh, density: float) -> Body:
     """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
     moments = solid_moments(mesh)
     hulls = tuple(hull_of(quantized(points)) for points in convex_parts(mesh))
-    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
+    ixx, iyy, izz = (np.diag(moments.inertia) * density).tolist()
     body = Body(mesh, hulls, moments.volume * density, (ixx, iyy, izz))
     return decode(encode(body))  # what is proven is what is stored
 

@@ -80,30 +80,29 @@ class Shape(Struct, frozen=True, rename=KEYS):
     def urdf(self) -> Path:
         """Absolute path of its URDF in the cache, with its meshes beside it.
 
-        The files are read and hashed each time (0.1 ms), so a damaged one is never used: it
-        is written again from the record.
+        A file that is not as the record gives it is written again, so a damaged one is never used.
 
         Raises:
             UsageError: the record is damaged, or does not give the files of the manifest.
             InfrastructureError: the cache cannot be written.
         """
-        names = body_codec.file_names(body_codec.files_stem(self.digest))
+        made = body_codec.body_files(self.body())
+        if body_codec.digest(*made.values()) != self.files_sha256:
+            raise UsageError(
+                f"shape {self.digest[:20]}: its files differ from the manifest's; "
+                "the set was made by another version of minitouch-bench"
+            )
         folder = files.cache_directory() / "shapes" / self.digest[:2]
-        kept = ""
-        with suppress(OSError):
-            kept = body_codec.digest(*(files.read_file(folder / name, files.MIB) for name in names))
-        if kept != self.files_sha256:
-            made = body_codec.body_files(self.body())
-            if body_codec.digest(*made.values()) != self.files_sha256:
-                raise UsageError(
-                    f"shape {self.digest[:20]}: its files differ from the manifest's; "
-                    "the set was made by another version of minitouch-bench"
-                )
-            with files.cache_errors(folder):
-                folder.mkdir(parents=True, exist_ok=True)
-                for name, content in made.items():
+        with files.cache_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, content in made.items():
+                kept = b""
+                with suppress(OSError):
+                    kept = files.read_file(folder / name, files.MIB)
+                if kept != content:
                     files.replace_file(folder / name, content)
-        return folder / names[-1]
+        *_, urdf = made
+        return folder / urdf
 
     def record(self) -> bytes:
         """Return the record from the pack, verified.

@@ -20,16 +20,15 @@ from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient, View
 from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 
-POSITION = PROTOCOL.observation.position
-OPENINGS = PROTOCOL.observation.openings
-FORCES = PROTOCOL.observation.forces
+OBSERVATION = PROTOCOL.observation
+POSITION, OPENINGS, FORCES = OBSERVATION.position, OBSERVATION.openings, OBSERVATION.forces
 SENSED_TOUCH = {"touch": slice(None), "forces": FORCES}
 """Part of the touch vector that a sense of its own can be taken from."""
 
 
 def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
     """Return the touch vector, float32 (11,), forces clipped to ``force_limit`` (N)."""
-    touch = np.empty(PROTOCOL.observation.touch_size, np.float32)
+    touch = np.empty(OBSERVATION.touch_size, np.float32)
     touch[POSITION] = arm.position
     # A squeezed finger reads a hair outside its joint's range.
     touch[OPENINGS] = np.clip(
@@ -42,16 +41,14 @@ def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
 
 def observation_space(force_limit: float) -> spaces.Dict:
     """Return the space of observations with forces within ``force_limit`` (N)."""
-    spec = PROTOCOL.observation
-    low = np.empty(spec.touch_size, np.float32)
-    high = np.empty(spec.touch_size, np.float32)
-    low[POSITION], high[POSITION] = -spec.position_limit, spec.position_limit
-    low[OPENINGS], high[OPENINGS] = 0.0, 1.0
-    low[FORCES], high[FORCES] = -force_limit, force_limit
+    limits = np.ones(OBSERVATION.touch_size, np.float32)
+    limits[POSITION], limits[FORCES] = OBSERVATION.position_limit, force_limit
+    low = -limits
+    low[OPENINGS] = 0.0
     return spaces.Dict(
         {
-            "image": spaces.Box(0, 255, spec.image_shape, np.uint8),
-            "touch": spaces.Box(low, high, dtype=np.float32),
+            "image": spaces.Box(0, 255, OBSERVATION.image_shape, np.uint8),
+            "touch": spaces.Box(low, limits, dtype=np.float32),
         }
     )
 
@@ -100,7 +97,6 @@ class ContactWatch:
         self.ticks += 1
 
 
-OBSERVATION = PROTOCOL.observation
 SIZE = OBSERVATION.image_size
 _WEIGHTS = tuple(np.uint32(weight) for weight in OBSERVATION.grey_weights)
 

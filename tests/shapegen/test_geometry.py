@@ -25,7 +25,7 @@ def test_moments_of_a_box_are_the_formula() -> None:
     assert moments.volume == pytest.approx(1.2e-4)
     assert moments.centroid == pytest.approx([0.1, -0.2, 0.3])
     expected = 1.2e-4 / 12 * np.diag([0.05**2 + 0.06**2, 0.04**2 + 0.06**2, 0.04**2 + 0.05**2])
-    assert moments.inertia() == pytest.approx(expected, abs=1e-15)
+    assert moments.inertia == pytest.approx(expected, abs=1e-15)
 
 
 def test_distances_inside_outside_and_past_an_edge() -> None:
@@ -60,7 +60,7 @@ def test_body_frame_makes_inertia_diagonal_and_keeps_a_cube_as_it_is() -> None:
     turn *= np.sign(np.linalg.det(turn))
     moved = in_body_frame(box(0.04, 0.05, 0.06).moved(turn, np.ones(3)))
     assert moved.extents == pytest.approx([0.06, 0.05, 0.04])
-    inertia = solid_moments(moved).inertia()
+    inertia = solid_moments(moved).inertia
     assert np.abs(inertia - np.diag(np.diag(inertia))).max() < 1e-15
     assert principal_axes(np.eye(3)) == pytest.approx(np.eye(3))
 

@@ -15,9 +15,9 @@ from gymnasium.utils.env_checker import data_equivalence as equal
 import minitouch_bench as mt
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import InvalidActionError, UsageError
-from minitouch_bench.policies.scripted import ScriptedPolicy
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.shapegen.manifest import choose_shapes
+from minitouch_bench.simulation.bodies import DOOR_JOINT
 from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.simulation.observation import GrayCamera
 from minitouch_bench.tasks.environment import OUTCOMES, MiniTouchEnv
@@ -250,24 +250,18 @@ def test_gymnasium_s_step_limit_is_an_outcome_like_the_task_s_own(limit):
         environment.close()
 
 
-def steps_to_success(environment):
-    """Return the steps that the scripted policy takes, and how the last one ends the episode."""
-    policy = ScriptedPolicy(lambda _: environment.unwrapped)
-    observation, _ = environment.reset(seed=1)
-    policy.reset(0, "opening")
-    for step in range(1, 201):
-        observation, _, terminated, truncated, info = environment.step(policy.act(observation))
-        if terminated or truncated:
-            environment.close()
-            return step, (terminated, truncated, OUTCOMES[info["outcome"]])
-    raise AssertionError("no end")
-
-
 def test_a_success_in_the_last_step_is_not_truncated():
-    steps, end = steps_to_success(mt.make("opening"))
-    assert end == (True, False, Outcome.SUCCESS)
-    limited = mt.make("opening", max_episode_steps=steps)
-    assert steps_to_success(limited) == (steps, end)
+    for environment in (
+        mt.make("opening", max_episode_steps=1),
+        MiniTouchEnv("opening", max_steps=1),
+    ):
+        environment.reset(seed=1)
+        world = environment.unwrapped
+        world.client.set_joint(world.task.target_body, DOOR_JOINT, 0.6)
+        *_, terminated, truncated, info = environment.step(zero(environment))
+        assert (terminated, truncated) == (True, False)
+        assert OUTCOMES[info["outcome"]] is Outcome.SUCCESS
+        environment.close()
 
 
 def test_objects_are_asked_for_by_name(environments):
@@ -281,6 +275,9 @@ def test_objects_are_asked_for_by_name(environments):
         environment.reset(seed=1, options={"object": "moon"})
     with pytest.raises(UsageError, match="opening has no object"):
         environments["opening"].reset(options={"object": "cube"})
+    for options in ({"shape": "cube"}, {"object": ["cube"]}, {1: 1}):
+        with pytest.raises(UsageError, match="reset option"):
+            environment.reset(seed=1, options=options)
 
 
 def test_an_object_that_is_never_visible_is_an_error(environments, monkeypatch):
@@ -289,12 +286,6 @@ def test_an_object_that_is_never_visible_is_an_error(environments, monkeypatch):
     monkeypatch.setattr(environment._camera, "visible_bodies", lambda _: nothing)
     with pytest.raises(UsageError, match="less than 15 pixels are visible in each of 50 scenes"):
         environment.reset(seed=1)
-
-
-@pytest.mark.parametrize("options", [{"shape": "cube"}, {"object": ["cube"]}, {1: 1}])
-def test_an_unknown_reset_option_or_one_of_another_type_is_an_error(environment, options):
-    with pytest.raises(UsageError, match="reset option"):
-        environment.reset(seed=1, options=options)
 
 
 # Pictures
