@@ -32,11 +32,9 @@ def test_four_or_five_numbers_serve_every_task(given, size, taken):
     ("raw", "size", "text"),
     [
         (np.zeros(3), 5, "3 numbers, not 4 or 5"),
-        (np.zeros(6), 4, "6 numbers"),
         (np.zeros((2, 4)), 4, "shape"),
         (np.float32(1.0), 4, "shape"),
         (np.zeros(4, int), 4, "type int64"),
-        (None, 4, "type object"),
         ([[1.0], [1.0, 2.0]], 4, "not an array"),
         ((np.zeros(4), None), 4, "in a tuple: return the action alone"),
         ([0.0, np.nan, 0.0, 0.0], 4, "NaN"),

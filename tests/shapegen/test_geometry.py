@@ -34,15 +34,15 @@ def test_distances_inside_outside_and_past_an_edge() -> None:
     assert found == pytest.approx([0.01, 0.005, 0.005])
 
 
-def test_rays_hit_the_far_wall() -> None:
+def test_rays_hit_the_far_wall_and_walls_are_thin() -> None:
     origins = np.array([[0.003, 0.002, 0.0], [0.103, 0.002, 0.0]])
     up = np.array([[0.0, 0.0, 1.0]] * 2)
     distance, _ = first_hits(origins, up, box(0.04, 0.04, 0.06))
     assert distance == pytest.approx([0.03, np.inf])
-
-
-def test_wall_and_width() -> None:
     assert thinnest_wall(box(0.04, 0.05, 0.003)) == pytest.approx(0.003)
+
+
+def test_a_square_is_widest_along_its_diagonal() -> None:
     square = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.04], [0.03, 0.04]])
     assert widest_across(square) == pytest.approx(0.05, rel=1e-3)
 

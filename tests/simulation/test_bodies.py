@@ -21,8 +21,7 @@ from minitouch_bench.tasks.task import Opening
 def client():
     made = PhysicsClient()
     add_table(made)
-    yield made
-    made.close()
+    return made
 
 
 @pytest.fixture

@@ -15,9 +15,7 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 
 @pytest.fixture(scope="module")
 def environment():
-    made = MiniTouchEnv("playing")
-    yield made
-    made.close()
+    return MiniTouchEnv("playing")
 
 
 def test_what_is_read_is_the_arm_s_state(environment):

@@ -37,8 +37,7 @@ def environment(request, monkeypatch):
             made.task._start = tuple(TRACES["pushing.rows"][0][:2])
 
     monkeypatch.setattr(made.task, "draw", draw)
-    yield made
-    made.close()
+    return made
 
 
 def release(task):

@@ -34,9 +34,7 @@ CABINET = OPENING.cabinet
 
 @pytest.fixture(scope="module")
 def with_cube():
-    environment = MiniTouchEnv("pick-up", objects="cube")
-    yield environment
-    environment.close()
+    return MiniTouchEnv("pick-up", objects="cube")
 
 
 def drawn(task, attribute="position"):
@@ -294,7 +292,6 @@ def test_the_lowest_point_is_that_of_the_simulator():
         client.set_pose(body, (0.0, 0.0, 0.3), quaternion / np.linalg.norm(quaternion))
         (*_, low), (*_, high) = client._bullet.getAABB(body)
         assert cube.heights(client, body) == pytest.approx((low, high), abs=2e-3)
-    client.close()
 
 
 @pytest.fixture
@@ -323,7 +320,6 @@ def test_a_name_means_the_shape_of_one_s_own_set(named, given):
     for other in ("shape-0001", *(["shape-0003"] if given == "list" else [])):
         with pytest.raises(UsageError, match=other):
             environment.reset(seed=1, options={"object": other})
-    environment.close()
 
 
 def test_an_evaluation_plays_the_user_s_cube(named):
@@ -333,7 +329,6 @@ def test_an_evaluation_plays_the_user_s_cube(named):
     runner = EpisodeRunner(Recording({spec: np.zeros((1, 4), np.float32)}, plan))
     runner.run(spec)
     assert runner._world_of("pushing").task.model.urdf == named.shapes[0].urdf
-    runner.close()
 
 
 def test_two_objects_of_one_name_are_refused(named):
@@ -341,7 +336,7 @@ def test_two_objects_of_one_name_are_refused(named):
     assert other != named.by_name("shape-0003")
     with pytest.raises(UsageError, match="shape-0003"):
         MiniTouchEnv("pushing", objects=[other, *named.shapes])
-    MiniTouchEnv("pushing", objects=[other, other]).close()
+    MiniTouchEnv("pushing", objects=[other, other])
 
 
 @pytest.mark.parametrize("objects", [3, (), [3]])
