@@ -22,7 +22,7 @@ from minitouch_bench.shapegen.generate import Progress, record_facts
 from minitouch_bench.shapegen.geometry import RestPose, product, yaw
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, splits_of
 from minitouch_bench.shapegen.soundness import LIMITS, UnsoundError, check_body, strictly
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.client import PhysicsClient
 
 PROCESSOR_TOLERANCE: Mapping[str, float] = {"lifted": 1.0 / LIMITS.yaws, "volume_m3": 0.0}
 """Absolute tolerance by key on another processor, in addition to 0.1 %. Keys not listed: 2e-5."""
@@ -144,7 +144,7 @@ def _picture(client: PhysicsClient, shape: Shape) -> str:
     turned = product(yaw(0.5), shape.poses[0].quaternion)
     body = client.load_urdf(shape.urdf, orientation=turned)
     client.paint({(body, -1): HELD_OUT_COLOR if shape.split == Split.HELD_OUT else TRAIN_COLOR})
-    image = client.render(View.of(CAMERA), 2 * TILE, 2 * TILE, bodies=True)
+    image = client.render(CAMERA, 2 * TILE, 2 * TILE, bodies=True)
     on_white = np.where(image.bodies[..., None] >= 0, image.rgb, np.uint8(255))
     buffer = io.BytesIO()
     Image.fromarray(on_white).reduce(2).quantize(48).save(buffer, "PNG", optimize=True)

@@ -13,7 +13,7 @@ import pybullet_data
 from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
 from minitouch_bench.shapegen import geometry
 from minitouch_bench.shapegen.body_codec import Body, body_files
-from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient
 
 PAD_HALF_WIDTH = 0.0105
 """Half the width of the Panda's finger along x, m."""
@@ -199,9 +199,9 @@ class GripRig:
             (low_x, low_y, _), (high_x, high_y, _) = spec.workspace.low, spec.workspace.high
             for x, y in itertools.product((low_x, high_x), (low_y, high_y)):
                 target = np.subtract(spec.camera.target, (x, y, PROTOCOL.physics.table_top))
-                view = View.of(replace(spec.camera, target=tuple(target.tolist())))
+                camera = replace(spec.camera, target=tuple(target.tolist()))
                 size = PROTOCOL.observation.image_size
-                image = self._client.render(view, size, size, bodies=True)
+                image = self._client.render(camera, size, size, bodies=True)
                 counts.append(np.count_nonzero(image.bodies == body))
         return int(min(counts))
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient, View
+from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 
 OBSERVATION = PROTOCOL.observation
@@ -109,26 +109,26 @@ class GrayCamera:
     """A camera whose unmoving background is kept between pictures."""
 
     def __init__(self, camera: CameraSpec) -> None:
-        self._view = View.of(camera)
+        self._camera = camera
         self._table_x, self._table_y = seen_on_plane(camera, PROTOCOL.physics.table_top)
 
     def keep_background(
         self, client: PhysicsClient, table: int, static_parts: Collection[Part]
     ) -> None:
         """Render the table and ``static_parts`` alone as the background from now on."""
-        self._static = take_out(client, self._view, (SIZE, SIZE), {(table, -1), *static_parts})
+        self._static = take_out(client, self._camera, (SIZE, SIZE), {(table, -1), *static_parts})
         self._background = _pixels(self._static)
         self._is_table = self._static.bodies == table
 
     def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
         """Return the body seen at each pixel, int32 (SIZE, SIZE)."""
-        image = client.render(self._view, SIZE, SIZE, bodies=True)
+        image = client.render(self._camera, SIZE, SIZE, bodies=True)
         hidden = image.depth >= self._static.depth
         return np.where(hidden, self._static.bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
         """Return the image, uint8 (C, SIZE, SIZE): what is visible now, over the background."""
-        image = client.render(self._view, SIZE, SIZE)
+        image = client.render(self._camera, SIZE, SIZE)
         hidden = image.depth >= self._static.depth
         return np.where(hidden, self._shaded(shadows), _pixels(image))
 
@@ -145,13 +145,13 @@ class GrayCamera:
 
 
 def take_out(
-    client: PhysicsClient, view: View, size: tuple[int, int], static_parts: Collection[Part]
+    client: PhysicsClient, camera: CameraSpec, size: tuple[int, int], static_parts: Collection[Part]
 ) -> Image:
     """Return an image of what never moves alone, ``size`` wide and high; it is drawn no more."""
     colors = client.colors()
     moving = {part: color for part, color in colors.items() if part not in static_parts}
     client.paint(dict.fromkeys(moving, INVISIBLE))
-    image = client.render(view, *size, bodies=True)
+    image = client.render(camera, *size, bodies=True)
     client.paint(moving)
     client.paint(dict.fromkeys(static_parts, INVISIBLE))
     return image

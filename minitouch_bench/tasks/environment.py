@@ -17,7 +17,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
 from minitouch_bench.simulation.bodies import PORTRAIT_PANDA, add_table
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.client import PhysicsClient, pixels_of
 from minitouch_bench.simulation.observation import (
     ContactWatch,
     GrayCamera,
@@ -317,23 +317,22 @@ class HumanRenderer:
         if self._built_for is not task:
             self._build(task)
         self._client.mirror(simulated)
-        image = self._client.render(self._view, *self._size)
-        in_light = self._client.render(View.of(LAMP), *LAMP_PIXELS).depth == 1.0
+        image = self._client.render(task.spec.portrait, *self._size)
+        in_light = self._client.render(LAMP, *LAMP_PIXELS).depth == 1.0
         light = np.where(self._is_table & ~in_light[self._lamp_pixel], SHADE, 1.0)
         hidden = image.depth >= self._background.depth
         lit = self._background.rgb * light[..., np.newaxis]
         return np.where(hidden[..., np.newaxis], lit, image.rgb).astype(np.uint8)
 
     def _build(self, task: Task) -> None:
-        client, (width, height), camera = self._client, self._size, task.spec.portrait
+        client, camera = self._client, task.spec.portrait
         client.reset_world()
         table = add_table(client)
         static = {(table, -1), *task.add_scenery(client)}
-        self._view = View.of(camera, aspect=width / height)
-        self._background = take_out(client, self._view, self._size, static)
+        self._background = take_out(client, camera, self._size, static)
         task.add_object(client)
         client.load_urdf(PORTRAIT_PANDA, fixed=True)
         self._is_table = self._background.bodies == table
         x, y = seen_on_plane(camera, PROTOCOL.physics.table_top, self._size)
-        self._lamp_pixel = View.of(LAMP).pixels(x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)
+        self._lamp_pixel = pixels_of(LAMP, x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)
         self._built_for = task

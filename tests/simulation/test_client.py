@@ -4,7 +4,7 @@ import pytest
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.spec import CameraSpec
 from minitouch_bench.simulation.bodies import add_table
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.client import PhysicsClient, pixels_of
 from minitouch_bench.simulation.observation import seen_on_plane
 
 
@@ -33,6 +33,6 @@ def test_a_closed_world_is_not_used_again_though_another_has_its_number():
 def test_the_pixels_of_points_are_where_the_camera_sees_them():
     camera = CameraSpec((0.5, 0.1, 0.0), 30.0, -50.0, near=0.1)
     x, y = seen_on_plane(camera, 0.02, (60, 40))
-    row, column = View.of(camera, aspect=1.5).pixels(x, y, 0.02, (60, 40))
+    row, column = pixels_of(camera, x, y, 0.02, (60, 40))
     expected = np.indices((40, 60))
     np.testing.assert_array_equal((row, column), expected)

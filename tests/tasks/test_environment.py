@@ -301,10 +301,10 @@ class WholeCamera(GrayCamera):
         self._table = table
 
     def visible_bodies(self, client):
-        return client.render(self._view, 84, 84, bodies=True).bodies
+        return client.render(self._camera, 84, 84, bodies=True).bodies
 
     def capture(self, client, shadows=()):
-        image = client.render(self._view, 84, 84, bodies=True)
+        image = client.render(self._camera, 84, 84, bodies=True)
         self._background = (image.rgb @ (0.2989, 0.5870, 0.1140)).round().astype(np.uint8)
         self._is_table = image.bodies == self._table
         return self._shaded(shadows)[np.newaxis]
