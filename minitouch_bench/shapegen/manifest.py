@@ -121,8 +121,15 @@ class Shape(Struct, frozen=True, rename=KEYS):
         return record
 
     def body(self) -> body_codec.Body:
-        """Return geometry, mass and inertia."""
-        return body_codec.decode(self.record())
+        """Return geometry, mass and inertia.
+
+        Raises:
+            UsageError: the record is not what the manifest says, or a mesh in it is empty.
+        """
+        body = body_codec.decode(self.record())
+        if not body.hulls or not all(mesh.faces.size for mesh in (body.visual, *body.hulls)):
+            raise UsageError(f"{self.pack}: the record of {self.name} has an empty mesh")
+        return body
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,15 @@ import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
-from minitouch_bench.shapegen.body_codec import encode
+from minitouch_bench.shapegen.body_codec import digest, encode
+from minitouch_bench.shapegen.check import check_set
 from minitouch_bench.shapegen.families import FAMILIES
-from minitouch_bench.shapegen.geometry import rotation_matrix, widest_across
+from minitouch_bench.shapegen.generate import write_set
+from minitouch_bench.shapegen.geometry import Mesh, rotation_matrix, widest_across
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set, splits_of
 from minitouch_bench.shapegen.soundness import LIMITS
 from tests.altered import edit_document
+from tests.shapegen.conftest import entry_of
 
 
 def test_the_canonical_bytes_are_the_manifests() -> None:
@@ -80,6 +84,15 @@ def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> N
     os.mkfifo(small_set / "shapes.bin")
     with pytest.raises(UsageError, match=r"shapes\.bin cannot be read"):
         load_shape_set(small_set).shapes[0].record()
+
+
+@pytest.mark.parametrize("hulls", [(), (Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)),)])
+def test_a_body_of_nothing_is_named(tmp_path: Path, hulls: tuple[Mesh, ...]) -> None:
+    record = encode(replace(canonical_shape_set().shapes[0].body(), hulls=hulls))
+    entry = {**entry_of(0), "sha256": digest(record)}
+    write_set(tmp_path, {"name": "forged"}, [(entry, record)])
+    (problem,) = check_set(load_shape_set(tmp_path), quick=True)
+    assert problem.endswith("the record of shape-0000 has an empty mesh")
 
 
 def test_unknown_names(small_set: Path) -> None:
