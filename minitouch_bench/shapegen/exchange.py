@@ -250,13 +250,16 @@ def _advice(closed: Mesh, config: ImportConfig, reason: soundness.Reason) -> str
     """
     if reason not in (soundness.Reason.SIZE, soundness.Reason.UNSEEN):
         return ""
-    low, high = LENGTH
+    said, (low, high) = "", LENGTH
     units = [unit for unit in METERS if low <= _length(closed) * unit <= high]
     for scale in (*units, float(f"{_fitting(closed):.3g}")):
-        with suppress(soundness.UnsoundError):
+        try:
             shape_of(closed, scale, config.density)
+        except soundness.UnsoundError as error:
+            said = f"with --scale {scale:g} {error}"
+        else:
             return f"; accepted with --scale {scale:g}"
-    return "; no accepted scale was found"
+    return f"; no accepted scale was found; {said}"
 
 
 def closed_mesh(mesh: Mesh) -> Mesh:
