@@ -29,7 +29,7 @@ from minitouch_bench.reporting.labels import (
 )
 
 STUDIES = Path(__file__).parent
-"""Where each stored study has a folder: ``design.toml``, rows, report and figures."""
+"""Where each study has a folder: ``design.toml``, and once it is trained rows, report, figures."""
 
 POINT = ["task", "exploration_steps", "method", "suite", "conditions", "metric"]
 """What has one value per training seed."""
@@ -70,6 +70,11 @@ class Results:
     report: str
     judged: pd.DataFrame
     joined: pd.DataFrame
+
+
+def stored_studies() -> list[Path]:
+    """Return the folders of the studies that have rows."""
+    return sorted(file.parent for file in STUDIES.glob("*/trainings.csv"))
 
 
 def write_results(design: Mapping[str, Any], directory: Path) -> None:
@@ -363,7 +368,7 @@ def main() -> None:
     parser.add_argument("directory", type=Path, nargs="?", help="default: reports/studies/NAME")
     given = parser.parse_args()
     if given.design is None:
-        pairs = [(file, file.parent) for file in sorted(STUDIES.glob("*/design.toml"))]
+        pairs = [(folder / "design.toml", folder) for folder in stored_studies()]
     else:
         pairs = [(given.design, given.directory or default_output(given.design))]
     for file, directory in pairs:

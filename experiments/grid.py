@@ -6,8 +6,10 @@ CSV files of the experiment, from which ``experiments.analysis`` makes tables an
 """
 
 import argparse
+import fcntl
 import hashlib
 import os
+import shutil
 import signal
 import sys
 import tomllib
@@ -31,7 +33,7 @@ KEY = ["task", "method", "training_seed", "exploration_steps"]
 FILES = ("episodes", "estimates", "curves", "trainings")
 """The CSV files of an experiment; a cell is finished once it is in the last one."""
 
-SAME_IN_ALL = ("arms", "preset", "settings", "episodes")
+SAME_IN_ALL = ("arms", "preset", "settings", "episodes", "explore_once")
 """What may not change between two starts, because unlike trainings would be mixed; nor may the
 ``task_steps`` of a task."""
 
@@ -92,9 +94,15 @@ def cells_of(design: Mapping[str, Any]) -> list[Cell]:
     ]
 
 
+def arm_of(design: Mapping[str, Any], cell: Cell) -> dict[str, Any]:
+    """Return an arm: its method, and the senses that it lacks in both phases or in the last."""
+    senses = {"without": [], "task_without": []}
+    return {"method": cell.method, **senses, **design.get("arms", {}).get(cell.method, {})}
+
+
 def evaluations_of(design: Mapping[str, Any], cell: Cell) -> dict[str, dict[str, Any]]:
     """Return the options of ``mt.evaluate`` for each run of a cell, by directory."""
-    suites = in_task(design, cell.task).get("suites", ["table4"])
+    suites = {**in_task(design, cell.task), **arm_of(design, cell)}.get("suites", ["table4"])
     suites = sorted(suites, key=lambda suite: suite != "table4")  # the first run is the main one
     asked = {suite: {"suite": suite, "episodes": design.get("episodes")} for suite in suites}
     for one in design.get("conditions", []):
@@ -116,7 +124,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     """Train and evaluate what is missing of a cell; return its rows of each CSV file."""
     place = output / cell.name
     final, explored = place / "final.safetensors", place / "exploration.safetensors"
-    arm = {"method": cell.method, "without": [], **design.get("arms", {}).get(cell.method, {})}
+    arm = arm_of(design, cell)
     digest = design["digest"]
     if not design.get("locked") and (place / "config.toml").exists():
         digest = _recorded_design(place) or digest  # a claim or a seed may have been added since
@@ -124,16 +132,23 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
         task_steps = (
             None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
         )
+        asked = {
+            "method": arm["method"], "seed": cell.training_seed, "without": arm["without"],
+            "exploration_steps": cell.exploration_steps, "preset": design.get("preset", "default"),
+            "settings": {**design.get("settings", {}), "design": digest}, "resume": True,
+        }  # fmt: skip
+        if design.get("explore_once"):
+            _copy_exploration(cell, asked, place)
         mt.train(
-            cell.task, arm["method"], seed=cell.training_seed, without=arm["without"],
-            exploration_steps=cell.exploration_steps, task_steps=task_steps,
-            preset=design.get("preset", "default"),
-            settings={**design.get("settings", {}), "design": digest},
-            output=place, resume=True,
+            cell.task, **asked, task_steps=task_steps, task_without=arm["task_without"],
+            output=place,
         )  # fmt: skip
     runs = []
+    is_rated = (
+        cell.task != "playing" and not arm["task_without"]
+    )  # the exploration is another arm's
     for name, options in evaluations_of(design, cell).items():
-        rates_exploration = name == "table4" and cell.task != "playing" and explored.exists()
+        rates_exploration = name == "table4" and is_rated and explored.exists()
         run = mt.evaluate(
             str(final), tasks=[cell.task], name=cell.name, workers=1, resume=True,
             exploration=str(explored) if rates_exploration else None,
@@ -151,6 +166,24 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     return rows
 
 
+def _copy_exploration(cell: Cell, asked: Mapping[str, Any], place: Path) -> None:
+    """Begin a cell with the exploration that the arms of its training seed share.
+
+    The first of them trains it; a training goes on from there with the same bits as one that was
+    never interrupted.
+    """
+    shared = place.with_name(
+        f"{cell.task}-exploration-{cell.exploration_steps}-{cell.training_seed}"
+    )
+    with open(f"{shared}.lock", "w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # the other worker may be training it
+        mt.train(cell.task, **asked, task_steps=0, output=shared)
+    if not place.exists():
+        copy = place.with_name(f"{place.name}.tmp")
+        shutil.copytree(shared, copy, dirs_exist_ok=True)
+        copy.rename(place)
+
+
 def _recorded_design(place: Path) -> str:
     """Return the SHA-256 of the design that a training was begun with, "" where none is named."""
     return str(tomllib.loads((place / "config.toml").read_text()).get("design", ""))
@@ -164,7 +197,7 @@ def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
         "control_steps": progress["step"].iloc[-1],
         "seconds": progress["seconds"].iloc[-1],
         "final_policy": main.policy.digest,
-        "exploration_policy": main.exploration.digest if main.exploration else "",
+        "exploration_policy": _sha256(place / "exploration.safetensors"),
         "run_digests": " ".join(run.digest for run in runs),
         "design": _recorded_design(place),
     }
@@ -174,6 +207,10 @@ def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
         "curves": progress,
         "trainings": pd.DataFrame([training]),
     }
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.exists() else ""
 
 
 def _where(run: mt.Run) -> dict[str, str]:
