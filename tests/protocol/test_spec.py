@@ -26,7 +26,6 @@ def changed(protocol):
     ("part", "name", "value"),
     [
         ("physics", "simulator", "pybullet 3.2.8"),
-        ("control", "tolerance", 1e-3),
         ("observation", "object_color", (0.0, 0.0, 0.0, 1.0)),
     ],
 )
@@ -40,9 +39,7 @@ def test_what_all_tasks_share_changes_every_digest(part, name, value):
     ("task", "changes"),
     [
         ("pushing", {"success_distance": 0.077}),
-        ("opening", {"success_angle": 0.57}),
         ("opening", {"cabinet": replace(PROTOCOL.task("opening").cabinet, hinge_friction=0.4)}),
-        ("pick-up", {"lift": 0.06}),
         ("playing", {"max_steps": 100}),
         ("pick-up", {"revision": 99}),
     ],

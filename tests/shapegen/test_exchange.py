@@ -21,16 +21,11 @@ from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.object_files import read_object
 from minitouch_bench.shapegen.solids import Solid, to_mesh
-from tests.shapegen.bodies import BLOCK
-from tests.shapegen.test_object_files import obj_of
+from tests.shapegen.test_object_files import block, obj_of
 
 
 def refusal(path: Path, config: ImportConfig | None = None) -> str:
     return import_one((path, config or ImportConfig()))[0]
-
-
-def block(*sides: float) -> trimesh.Trimesh:
-    return trimesh.creation.box(sides or BLOCK)
 
 
 def turned_inward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
