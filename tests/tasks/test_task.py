@@ -334,7 +334,7 @@ def test_an_evaluation_plays_the_user_s_cube(named):
 def test_what_cannot_be_drawn_from_is_refused(named):
     other = canonical_shape_set().by_name("shape-0003")
     assert other != named.by_name("shape-0003")
-    for objects, words in (([other, *named.shapes], "shape-0003"), (3, ""), ((), ""), ([3], "")):
-        with pytest.raises(UsageError, match=words):
+    for objects in ([other, *named.shapes], 3, (), [3]):
+        with pytest.raises(UsageError, match="objects"):
             MiniTouchEnv("pushing", objects=objects)
     MiniTouchEnv("pushing", objects=[other, other])
