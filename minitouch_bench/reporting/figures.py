@@ -1,12 +1,13 @@
 """The figures of a report as data, and the plots that the leaderboard's pages show too."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels, report_tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
@@ -42,6 +43,7 @@ def report_figures(
 ) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
+    played = {task: _panels(task, sections) for task in goals}
     figures = (
         charts.Figure(
             "estimates",
@@ -52,50 +54,30 @@ def report_figures(
             else "Each with its 95 % interval.",
             tuple(_estimate_plot(task, sections, with_paper=with_paper) for task in tasks),
         ),
-        steps_figure({task: _panels(task, sections) for task in goals}),
+        steps_figure(played),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
         _force_figure(sections, tasks),
-        peak_figure({task: _panels(task, sections) for task in goals}),
+        peak_figure(played),
     )
     return tuple(figure for figure in figures if figure.plots)
 
 
-def ending_legend(endings: Iterable[Ending]) -> tuple[charts.LegendItem, ...]:
-    """Name the colors of the endings that occur."""
-    found = set(endings)
-    return tuple(charts.LegendItem(e.value, e.tone, title=e.meaning) for e in Ending if e in found)
-
-
-def split_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str]
-) -> tuple[charts.Figure, ...]:
-    """Return held-out beside train shapes, as in the paper's Figure 11."""
-    compared = {
-        result.task for section in sections for result in section.run.summary.generalization
-    }
-    tasks = [task for task in tasks if task in compared]
-    if not tasks:
-        return ()
-    legend = (
-        charts.LegendItem("held-out shapes", "muted", "circle"),
-        charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
-        *_run_legend(sections),
-    )
-    pairs = [
-        (task, metric)
-        for task in tasks
-        for metric in (
-            ranking_metric(task),
-            "episode_steps" if task in GOAL_TASKS else "object_movement",
-        )
-    ]
-    return (
-        charts.Figure(
-            "held-out-beside-train",
-            "Held-out beside train shapes",
-            "Each with its 95 % interval, in the manner of the paper's Figure 11.",
-            tuple(_split_plot(task, metric, sections) for task, metric in pairs),
-            legend,
+def split_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
+    """Draw held-out beside train shapes, as in the paper's Figure 11."""
+    plots = []
+    for task in tasks:
+        if any(report_tables.find_generalization(one.run, task) for one in sections):
+            other = "episode_steps" if task in GOAL_TASKS else "object_movement"
+            plots += [_split_plot(task, name, sections) for name in (ranking_metric(task), other)]
+    return charts.Figure(
+        "held-out-beside-train",
+        "Held-out beside train shapes",
+        "Each with its 95 % interval, in the manner of the paper's Figure 11.",
+        tuple(plots),
+        (
+            charts.LegendItem("held-out shapes", "muted", "circle"),
+            charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
+            *_run_legend(sections),
         ),
     )
 
@@ -149,18 +131,52 @@ def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode
 
 def steps_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:
     """Draw how long episodes last, colored by how they ended; ``played`` by task and panel."""
+    found = {
+        ending_of(row) for panels in played.values() for rows in panels.values() for row in rows
+    }
     return charts.Figure(
         "episode-steps",
         "How long episodes last",
         "Share of the episodes by number of control steps, and by how they ended.",
-        tuple(
-            steps_plot(task, {name: steps_by_ending(rows) for name, rows in panels.items()})
-            for task, panels in played.items()
-        ),
-        ending_legend(
-            ending_of(row) for panels in played.values() for rows in panels.values() for row in rows
-        ),
+        tuple(steps_plot(task, panels) for task, panels in played.items()),
+        tuple(ending.legend for ending in Ending if ending in found),
     )
+
+
+def steps_plot(task: str, panels: Mapping[str, Sequence[Episode]]) -> charts.Plot:
+    """Draw the share of a task's episodes by control steps; ``panels``: episodes by title.
+
+    What is beyond the task's limit is drawn at it: a stranger's file can say any number.
+    """
+    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
+    edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
+    tops = {}
+    for title, episodes in panels.items():
+        counts = np.zeros((len(Ending), len(edges) - 1))
+        for row, ending in enumerate(Ending):
+            steps = [min(e.steps, edges[-1]) for e in episodes if ending_of(e) is ending]
+            counts[row] = np.histogram(steps, edges)[0]
+        tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
+    highest = max(float(stack[-1].max()) for stack in tops.values())
+    x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
+    drawn = tuple(
+        charts.Chart(x, y, tuple(_bars(stack, edges)), 76, title) for title, stack in tops.items()
+    )
+    what = f"{task_title(task)}: distribution of episode steps by ending"
+    return charts.Plot(task_title(task), what, drawn)
+
+
+def _bars(tops: NDArray[np.float64], edges: NDArray[np.int64]) -> Iterator[charts.Blocks]:
+    """Yield the bars of each ending; ``tops``: where they end, (endings, bars)."""
+    bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
+    for ending, low, high in zip(Ending, bottoms, tops, strict=True):
+        boxes = tuple(
+            (left + 0.6, bottom, left + BIN - 0.6, top)
+            for left, bottom, top in zip(edges.tolist(), low.tolist(), high.tolist(), strict=False)
+            if top > bottom
+        )
+        if boxes:
+            yield charts.Blocks(boxes, ending.tone)
 
 
 def touch_figure(
@@ -170,89 +186,18 @@ def touch_figure(
     more: str = "",
 ) -> charts.Figure:
     """Draw the touch curves of runs; ``more`` ends the text below."""
+    what = "mean contact ticks at each control step"
     return charts.Figure(
         "touch-over-time",
         "Touch over time",
         "Mean ticks in contact at each control step, over the episodes that reached it; faint "
         f"where fewer than a tenth of the episodes are left{more}.",
-        tuple(touch_plot(task, runs) for task in tasks),
+        tuple(
+            _time_plot(task, runs, what, "Ticks per step", lambda result: [result.touch_curve])
+            for task in tasks
+        ),
         legend,
     )
-
-
-def steps_by_ending(episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64]]:
-    """Return the control steps of the episodes, by the color of how they ended."""
-    return {
-        ending.tone: np.array([e.steps for e in episodes if ending_of(e) is ending], np.int64)
-        for ending in Ending
-    }
-
-
-def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> charts.Plot:
-    """Draw the share of a task's episodes by control steps.
-
-    ``panels``: by title, the steps of the episodes by tone, which are stacked. What is beyond the
-    task's limit is drawn at it: a stranger's file can say any number.
-    """
-    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
-    edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
-    tops = {}
-    for title, panel in panels.items():
-        clipped = (np.minimum(steps, edges[-1]) for steps in panel.values())
-        counts = np.array([np.histogram(steps, edges)[0] for steps in clipped], np.float64)
-        tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
-    highest = max(float(stack[-1].max()) for stack in tops.values())
-    x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
-    drawn = tuple(
-        charts.Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
-        for title, stack in tops.items()
-    )
-    what = f"{task_title(task)}: distribution of episode steps by ending"
-    return charts.Plot(task_title(task), what, drawn)
-
-
-def _bars(
-    tones: Sequence[str], tops: NDArray[np.float64], edges: NDArray[np.int64]
-) -> Iterator[charts.Band]:
-    """Yield the bars that are not empty; ``tops``: where each tone's bars end."""
-    bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
-    for row, slot in np.argwhere(tops > bottoms):
-        left, right = float(edges[slot]) + 0.6, float(edges[slot]) + BIN - 0.6
-        bottom, top = float(bottoms[row, slot]), float(tops[row, slot])
-        corners = ((left, bottom), (left, top), (right, top), (right, bottom))
-        yield charts.Band(corners, tones[row])
-
-
-def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
-    """Draw the mean contact ticks at each control step, a line per run.
-
-    A line is faint where less than FEW of the episodes reached the step.
-    """
-    summaries = [report_tables.task_summary(run, task) for run in runs]
-    curves = [(one.touch_curve, one.curve_episodes) if one else ((), ()) for one in summaries]
-    highest = max((value for curve, _ in curves for value in curve), default=0.0)
-    longest = max(1, *(len(curve) for curve, _ in curves))
-    marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
-    y = charts.value_axis("Ticks per step", highest)
-    chart = charts.Chart(charts.value_axis("Control steps", longest), y, marks, 112)
-    what = f"{task_title(task)}: mean contact ticks at each control step"
-    return charts.Plot(task_title(task), what, (chart,))
-
-
-def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[charts.Line]:
-    points, tone = tuple(enumerate(curve)), charts.series_tone(index)
-    least = FEW * reached[0] if reached else 0.0
-    for part, is_faint in _parts(reached or (1,) * len(curve), least):
-        yield charts.Line(points[part], tone, *((1.1, 0.35) if is_faint else (1.4,)))
-
-
-def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
-    """Yield the part of a curve that enough episodes reached, then the rest, which is faint."""
-    certain = next((step for step, number in enumerate(reached) if number < least), len(reached))
-    if certain:
-        yield slice(0, certain), False
-    if certain < len(reached):
-        yield slice(max(0, certain - 1), len(reached)), True
 
 
 def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
@@ -267,30 +212,59 @@ def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> chart
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."
-    plots = tuple(_force_plot(task, [section.run for section in sections]) for task in tasks)
+    runs = [section.run for section in sections]
+    plots = tuple(
+        _time_plot(task, runs, "force at each control step", "Force, N", _quartiles, FREE_AIR)
+        for task in tasks
+    )
     return charts.Figure("forces", "What the fingers felt", text, plots, _run_legend(sections))
 
 
-def _force_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
-    """Draw the median force at each control step and the middle half around it, by run."""
+def _quartiles(result: TaskResult) -> list[list[float]]:
+    steps = result.force_curve
+    return [[s.median for s in steps], [s.lower for s in steps], [s.upper for s in steps]]
+
+
+def _time_plot(  # noqa: PLR0917 - what a plot is called, what it draws
+    task: str,
+    runs: Sequence[Run],
+    what: str,
+    label: str,
+    curves_of: Callable[[TaskResult], Sequence[Sequence[float]]],
+    highest: float = 0.0,
+) -> charts.Plot:
+    """Draw a value at each control step, a line per run, faint where few episodes are left.
+
+    ``curves_of``: the line, and the lower and upper edge of the band around it if there is one.
+    ``highest``: the value that the axis reaches at least.
+    """
     marks: list[charts.Mark] = []
-    longest, highest = 1, FREE_AIR
+    longest = 1
     for index, run in enumerate(runs):
         result, tone = report_tables.task_summary(run, task), charts.series_tone(index)
-        steps, reached = (result.force_curve, result.curve_episodes) if result else ((), ())
-        longest = max(longest, len(steps))
-        highest = max([highest, *(step.upper for step in steps)])
-        for part, is_faint in _parts(reached, max(FEWEST, FEW * max(reached, default=0))):
-            lower, median, upper = (
-                tuple(enumerate(values))[part] for values in zip(*steps, strict=True)
-            )
-            marks.append(charts.Band((*lower, *reversed(upper)), tone, 0.12 if is_faint else 0.25))
-            marks.append(charts.Line(median, tone, *((1.1, 0.35) if is_faint else (1.4,))))
-    x, y = charts.value_axis("Control steps", longest), charts.value_axis("Force, N", highest)
-    chart = charts.Chart(x, y, tuple(marks), 112)
-    return charts.Plot(
-        task_title(task), f"{task_title(task)}: force at each control step", (chart,)
-    )
+        if result is None or not result.curve_episodes:
+            continue
+        reached, curves = result.curve_episodes, curves_of(result)
+        longest, highest = max(longest, len(reached)), max(highest, *map(max, curves))
+        least = max(FEW * reached[0], FEWEST if len(curves) > 1 else 0)
+        for part, is_faint in _parts(reached, least):
+            line, *band = (tuple(enumerate(values))[part] for values in curves)
+            if band:
+                corners = (*band[0], *reversed(band[1]))
+                marks.append(charts.Band(corners, tone, 0.12 if is_faint else 0.25))
+            marks.append(charts.Line(line, tone, *((1.1, 0.35) if is_faint else (1.4,))))
+    title, x = task_title(task), charts.value_axis("Control steps", longest)
+    chart = charts.Chart(x, charts.value_axis(label, highest), tuple(marks), 112)
+    return charts.Plot(title, f"{title}: {what}", (chart,))
+
+
+def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
+    """Yield the part of a curve that enough episodes reached, then the rest, which is faint."""
+    certain = next((step for step, number in enumerate(reached) if number < least), len(reached))
+    if certain:
+        yield slice(0, certain), False
+    if certain < len(reached):
+        yield slice(max(0, certain - 1), len(reached)), True
 
 
 def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:

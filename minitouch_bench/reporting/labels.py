@@ -14,7 +14,8 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.reporting.tables import Cell, Gauge
+from minitouch_bench.reporting.svg import draw_gauge
+from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
 from minitouch_bench.text import numbered, printable
@@ -95,21 +96,14 @@ def metric_head(metric: str, task: str | None = None) -> str:
     return f"{known.label} {known.direction_in(task or '')}".rstrip()
 
 
-def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
+def estimate_cell(metric: str, estimate: Estimate | None, mark: str = "") -> Cell:
     """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
     if estimate is None:
         return Cell()
     value, low, high = (
         format_value(metric, end) for end in (estimate.value, estimate.low, estimate.high)
     )
-    gauge = None
-    if METRICS[metric].is_fraction:
-        gauge = Gauge(
-            _percent(estimate.value),
-            _percent(estimate.low),
-            _percent(estimate.high),
-            None if mark is None else _percent(mark),
-        )
+    gauge = draw_gauge(estimate, mark) if METRICS[metric].is_fraction else ""
     return Cell(value, f"[{low}, {high}]", _method(estimate), estimate.value, gauge)
 
 
@@ -130,10 +124,6 @@ def counted(estimate: Estimate) -> str:
     """Say how many episodes or training seeds an estimate is over."""
     what = "training seed" if "training seeds" in estimate.method else "episode"
     return numbered(estimate.count, what)
-
-
-def _percent(share: float) -> float:
-    return round(100 * min(max(share, 0.0), 1.0), 2)
 
 
 # Runs

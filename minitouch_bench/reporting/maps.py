@@ -136,20 +136,16 @@ def sentence(test: StartTest) -> str:
 
 def _in_order(levels: Sequence[LegendItem]) -> tuple[LegendItem, ...]:
     """Return the levels that occur, in the order of endings and shades."""
-    order = [*map(_of_ending, Ending), *map(_of_share, range(1, LEVELS + 1))]
+    order = [*(ending.legend for ending in Ending), *map(_of_share, range(1, LEVELS + 1))]
     found = dict.fromkeys(levels)
     return tuple(sorted(found, key=lambda item: order.index(item) if item in order else 0))
 
 
 def _level(episode: Episode) -> LegendItem:
     if episode.task in GOAL_TASKS or episode.outcome is Outcome.POLICY_FAULT:
-        return _of_ending(ending_of(episode))
+        return ending_of(episode).legend
     share = METRICS["touch_share"].value(episode) or 0.0
-    return _of_share(math.ceil(share * LEVELS)) if share else _of_ending(Ending.NEVER_TOUCHED)
-
-
-def _of_ending(ending: Ending) -> LegendItem:
-    return LegendItem(ending.value, ending.tone, title=ending.meaning)
+    return _of_share(math.ceil(share * LEVELS)) if share else Ending.NEVER_TOUCHED.legend
 
 
 def _of_share(level: int) -> LegendItem:
@@ -248,22 +244,19 @@ def _axes(task: str) -> tuple[charts.Axis, charts.Axis]:
     """Return the axes of a task's map, left as the robot sees it and away from it."""
     if task == PUSHING.name:
         most = 100 * PUSHING.cube_distance[1] + 1
-        ticks = tuple(charts.Tick(at, f"{at:g}") for at in (-20, -10, 0, 10, 20))
-        across = charts.Axis("cm left of the target", most, -most, ticks)
-        return across, charts.Axis("cm beyond it", -most, most, ticks)
-    space = PROTOCOL.task(task).workspace
-    (low, high), (right, left) = (
-        (100 * space.low[axis] - MARGIN, 100 * space.high[axis] + MARGIN) for axis in (0, 1)
-    )
+        return _axis("cm left of the target", most, -most), _axis("cm beyond it", -most, most)
+    low, high = PROTOCOL.task(task).workspace.low, PROTOCOL.task(task).workspace.high
     return (
-        charts.Axis("cm left of the robot", left, right, _tens(right, left)),
-        charts.Axis("cm ahead of it", low, high, _tens(low, high)),
+        _axis("cm left of the robot", 100 * high[1] + MARGIN, 100 * low[1] - MARGIN),
+        _axis("cm ahead of it", 100 * low[0] - MARGIN, 100 * high[0] + MARGIN),
     )
 
 
-def _tens(low: float, high: float) -> tuple[charts.Tick, ...]:
-    first, last = math.ceil(low / 10), math.floor(high / 10)
-    return tuple(charts.Tick(10 * ten, str(10 * ten)) for ten in range(first, last + 1))
+def _axis(label: str, start: float, end: float) -> charts.Axis:
+    """Return an axis in cm with a tick at every ten."""
+    low, high = sorted((start, end))
+    tens = range(10 * math.ceil(low / 10), math.floor(high) + 1, 10)
+    return charts.Axis(label, start, end, tuple(charts.Tick(at, str(at)) for at in tens))
 
 
 def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterator[charts.Mark]:

@@ -23,9 +23,9 @@ from minitouch_bench.episode import Episode, Outcome, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import LegendItem, series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
-from minitouch_bench.reporting.svg import draw_gauge, draw_plot
+from minitouch_bench.reporting.svg import draw_plot
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
@@ -54,7 +54,7 @@ def _environment(templates: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"printable": printable, "draw": draw_plot, "gauge": draw_gauge}
+    environment.filters |= {"printable": printable, "draw": draw_plot}
     return environment
 
 
@@ -132,7 +132,7 @@ def make_card(
         CardValue(
             name=name,
             tone=series_tone(index),
-            cell=estimate_cell(metric, estimates.get(metric), float(paper) if paper else None),
+            cell=estimate_cell(metric, estimates.get(metric), paper),
             beside=tuple((METRICS[other].label, _with_unit(other, estimates)) for other in beside),
         )
         for index, (name, estimates) in enumerate(runs)
@@ -165,6 +165,11 @@ class Ending(StrEnum):
         ending = str.__new__(cls, value)
         ending._value_, ending.tone, ending.meaning = value, tone, meaning
         return ending
+
+    @property
+    def legend(self) -> LegendItem:
+        """Its color with its name."""
+        return LegendItem(self.value, self.tone, title=self.meaning)
 
     # In the order of every table.
     SUCCEEDED = "succeeded", "success", "the goal was reached"
@@ -200,16 +205,14 @@ def ending_of(episode: Episode) -> Ending:
 class BrowsedRun:
     """A run in the browser of a page.
 
-    ``path``: what ``replay`` takes as the run, wherever the page is. ``address``: of the run's
-    directory, relative to the page; a page that is opened from a disk shows the path it leads to.
-    ``viewers``: addresses of the viewers that this process made, by episode. What lies in a run's
-    directory may be a stranger's page, so it is not looked for. ``policy``: what ``evaluate``
-    takes, for a run whose actions are not kept; ``path`` is "" then.
+    ``address``: of the run's directory, relative to the page; a page that is opened from a disk
+    shows the path it leads to. ``viewers``: addresses of the viewers that this process made, by
+    episode. What lies in a run's directory may be a stranger's page, so it is not looked for.
+    ``policy``: what ``evaluate`` takes, for a run whose actions are not kept.
     """
 
     title: str
     run: Run
-    path: str = ""
     address: str = ""
     viewers: Mapping[str, str] = field(default_factory=dict)
     policy: str = ""
@@ -232,7 +235,6 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
         "runs": [
             {
                 "title": one.title,
-                "path": one.path,
                 "policy": one.policy,
                 "address": one.address,
                 "viewers": one.viewers,

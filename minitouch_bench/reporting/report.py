@@ -22,7 +22,7 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
 from minitouch_bench.reporting.charts import Figure, series_tone
-from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.figures import report_figures, split_figure
 from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.tables import Block, Cell, Table
 from minitouch_bench.runs.run import Run
@@ -113,9 +113,9 @@ def _browsed(
 ) -> pages.BrowsedRun:
     run, there = section.run, section.run.directory
     if page is None or there is None:
-        return pages.BrowsedRun(section.name, run, "RUN")
+        return pages.BrowsedRun(section.name, run)
     known = {key: pages.relative_address(path, page) for key, path in viewers.items()}
-    return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), known)
+    return pages.BrowsedRun(section.name, run, pages.relative_address(there, page), known)
 
 
 def _protocol_of(run: Run) -> str:
@@ -180,7 +180,7 @@ def to_html(report: Report) -> str:
             start_map(report),
             *report_figures(report.sections, report.tasks, with_paper=report.with_paper),
         ),
-        split_figures=split_figures(report.sections, report.tasks),
+        split_figure=split_figure(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )
 

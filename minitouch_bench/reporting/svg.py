@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.reporting import charts
-from minitouch_bench.reporting.tables import Gauge
 
 WIDTH = 260
 """Drawing units across a plot; a unit is about a pixel."""
@@ -125,15 +125,14 @@ def draw_plot(plot: charts.Plot) -> Markup:
     )
 
 
-def draw_gauge(gauge: Gauge) -> Markup:
-    """Draw an estimate on a scale as wide as its place."""
-    mark = "" if gauge.mark is None else f'<path class="mark" d="M{gauge.mark} -2V8"/>'
+def draw_gauge(share: Estimate, mark: str) -> Markup:
+    """Draw a share on a scale as wide as its place, with a ``mark`` for comparison if not ""."""
+    value, low, high = (f"{100 * end:.4g}" for end in (share.value, share.low, share.high))
+    compared = f'<path class="mark" d="M{100 * float(mark):.4g} -2V8"/>' if mark else ""
     return Markup(
         '<svg class="gauge" viewBox="0 0 100 6" preserveAspectRatio="none" aria-hidden="true">'
-        '<path class="track" d="M0 3H100"/>'
-        f'<path class="interval" d="M{gauge.low} 3H{gauge.high}"/>{mark}'
-        f'<path class="ring" d="M{gauge.value} 3h0"/><path class="value" d="M{gauge.value} 3h0"/>'
-        "</svg>"
+        f'<path class="track" d="M0 3H100"/><path class="interval" d="M{low} 3H{high}"/>{compared}'
+        f'<path class="ring" d="M{value} 3h0"/><path class="value" d="M{value} 3h0"/></svg>'
     )
 
 
