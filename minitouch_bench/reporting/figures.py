@@ -26,6 +26,9 @@ SPLIT_OFFSET = 0.17
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""
 
+LONGEST_LABEL = 16
+"""Characters of a name that fit beside a chart."""
+
 ENDING_NAMES = {
     Ending.SUCCEEDED: "succeeded",
     Ending.TOUCHED_FAILED: "failed",
@@ -90,8 +93,16 @@ def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]
     return tuple(items) if len(sections) > 1 else ()
 
 
-def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return charts.short_names([section.name for section in sections])
+def short_names(sections: Sequence[RunSection]) -> tuple[str, ...]:
+    """Shorten the runs' names to fit beside a chart; those that differ stay different."""
+    names = [section.name for section in sections]
+    short = [n if len(n) <= LONGEST_LABEL else f"{n[: LONGEST_LABEL - 1]}…" for n in names]
+    if len(set(short)) == len(names):
+        return tuple(short)
+    return tuple(
+        name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 4]}… {number}"
+        for number, name in enumerate(names, start=1)
+    )
 
 
 def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
@@ -114,7 +125,7 @@ def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: boo
     for row, (_, value) in enumerate(paper, start=len(sections)):
         marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
         highest.append(value)
-    rows = charts.name_axis(_names(sections), [method for method, _ in paper])
+    rows = charts.name_axis(short_names(sections), [method for method, _ in paper])
     x = _metric_axis(task, metric, highest)
     chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
     return charts.Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
@@ -122,7 +133,7 @@ def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: boo
 
 def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode]]:
     """Return a task's episodes of each run, by its name where there are several."""
-    names = _names(sections) if len(sections) > 1 else [""]
+    names = short_names(sections) if len(sections) > 1 else [""]
     return {
         name: [episode for episode in section.run.rows if episode.task == task]
         for name, section in zip(names, sections, strict=True)
@@ -158,7 +169,8 @@ def steps_plot(task: str, panels: Mapping[str, Sequence[Episode]]) -> charts.Plo
             counts[row] = np.histogram(steps, edges)[0]
         tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
     highest = max(float(stack[-1].max()) for stack in tops.values())
-    x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
+    x = charts.even_axis("Control steps", 0, int(edges[-1]), 50)
+    y = charts.value_axis("Episodes, %", highest, intervals=3)
     drawn = tuple(
         charts.Chart(x, y, tuple(_bars(stack, edges)), 76, title) for title, stack in tops.items()
     )
@@ -333,6 +345,6 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> chart
             )
             highest += [gap.held_out.high, gap.train.high]
     label, title = METRICS[metric].label, task_title(task)
-    rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
+    rows, x = charts.name_axis(short_names(sections)), _metric_axis(task, metric, highest)
     chart = charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
     return charts.Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))

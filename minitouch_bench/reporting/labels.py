@@ -7,14 +7,14 @@ supplement, Table 4.
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.reporting.svg import draw_gauge
+from minitouch_bench.reporting.charts import draw_gauge
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
@@ -100,24 +100,22 @@ def estimate_cell(metric: str, estimate: Estimate | None, mark: str = "") -> Cel
     """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
     if estimate is None:
         return Cell()
-    value, low, high = (
-        format_value(metric, end) for end in (estimate.value, estimate.low, estimate.high)
-    )
-    gauge = draw_gauge(estimate, mark) if METRICS[metric].is_fraction else ""
-    return Cell(value, f"[{low}, {high}]", _method(estimate), estimate.value, gauge)
+    cell = _interval_cell(estimate, METRICS[metric].number_format)
+    return replace(cell, gauge=draw_gauge(estimate, mark)) if METRICS[metric].is_fraction else cell
 
 
 def difference_cell(metric: str, difference: Estimate) -> Cell:
     """Write a difference with its sign and interval; what rounds to 0 has a plus."""
-    value, low, high = (
-        format(number, f"+z{METRICS[metric].number_format}")
-        for number in (difference.value, difference.low, difference.high)
+    return _interval_cell(difference, f"+z{METRICS[metric].number_format}")
+
+
+def _interval_cell(estimate: Estimate, form: str) -> Cell:
+    return Cell(
+        f"{estimate.value:{form}}",
+        f"[{estimate.low:{form}}, {estimate.high:{form}}]",
+        f"{counted(estimate)}, 95 % interval: {estimate.method}",
+        estimate.value,
     )
-    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
-
-
-def _method(estimate: Estimate) -> str:
-    return f"{counted(estimate)}, 95 % interval: {estimate.method}"
 
 
 def counted(estimate: Estimate) -> str:
@@ -277,8 +275,8 @@ def listed(names: Sequence[str]) -> str:
 
 def task_title(task: str) -> str:
     """Return a task's name as a heading."""
-    titles = {known.name: known.title for known in PROTOCOL.tasks}
-    return titles.get(task, printable(task).capitalize())
+    titles = (known.title for known in PROTOCOL.tasks if known.name == task)
+    return next(titles, printable(task).capitalize())
 
 
 def tasks_in_order(runs: Sequence[Run]) -> tuple[str, ...]:

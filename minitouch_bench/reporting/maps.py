@@ -244,19 +244,20 @@ def _axes(task: str) -> tuple[charts.Axis, charts.Axis]:
     """Return the axes of a task's map, left as the robot sees it and away from it."""
     if task == PUSHING.name:
         most = 100 * PUSHING.cube_distance[1] + 1
-        return _axis("cm left of the target", most, -most), _axis("cm beyond it", -most, most)
-    low, high = PROTOCOL.task(task).workspace.low, PROTOCOL.task(task).workspace.high
+        across = charts.even_axis("cm left of the target", most, -most, 10)
+        return across, charts.even_axis("cm beyond it", -most, most, 10)
+    (low, right, _), (high, left, _) = _workspace(task)
     return (
-        _axis("cm left of the robot", 100 * high[1] + MARGIN, 100 * low[1] - MARGIN),
-        _axis("cm ahead of it", 100 * low[0] - MARGIN, 100 * high[0] + MARGIN),
+        charts.even_axis("cm left of the robot", left + MARGIN, right - MARGIN, 10),
+        charts.even_axis("cm ahead of it", low - MARGIN, high + MARGIN, 10),
     )
 
 
-def _axis(label: str, start: float, end: float) -> charts.Axis:
-    """Return an axis in cm with a tick at every ten."""
-    low, high = sorted((start, end))
-    tens = range(10 * math.ceil(low / 10), math.floor(high) + 1, 10)
-    return charts.Axis(label, start, end, tuple(charts.Tick(at, str(at)) for at in tens))
+def _workspace(task: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return two corners of a task's workspace, x, y, z in cm."""
+    space = PROTOCOL.task(task).workspace
+    low, high = (tuple(100 * value for value in end) for end in (space.low, space.high))
+    return low, high
 
 
 def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterator[charts.Mark]:
@@ -269,10 +270,7 @@ def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterato
         circle = tuple((goal * math.cos(a), goal * math.sin(a)) for a in angles)
         yield charts.Line(circle, "muted", 0.8)
         return
-    space = PROTOCOL.task(task).workspace
-    (bottom, right), (top, left) = (
-        [100 * value for value in end[:2]] for end in (space.low, space.high)
-    )
+    (bottom, right, _), (top, left, _) = _workspace(task)
     corners = _corners(left, bottom, right, top)
     yield charts.Line((*corners, corners[0]), "muted", 0.8)
     if task == OPENING.name:

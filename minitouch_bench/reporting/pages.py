@@ -23,9 +23,8 @@ from minitouch_bench.episode import Episode, Outcome, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.charts import LegendItem, series_tone
+from minitouch_bench.reporting.charts import LegendItem, draw_plot, series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
-from minitouch_bench.reporting.svg import draw_plot
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable

@@ -12,18 +12,9 @@ from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.report import Report
 from minitouch_bench.reporting.report_tables import find_estimate
 
-FIGURE_SUFFIXES = (".svg", ".pdf", ".png")
-
 POINT_COLORS = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#aa4488",
-    "#b87a00",
-    "#5d2f0c",
-    "#56b4e9",
-    "#878d96",
-)
+    "#0072b2", "#d55e00", "#009e73", "#aa4488", "#b87a00", "#5d2f0c", "#56b4e9", "#878d96",
+)  # fmt: skip
 POINT_MARKS = "os^vDP*X"
 """Of the runs, in turn: a figure printed in gray tells them apart too."""
 
@@ -40,6 +31,7 @@ PLOT_SETTINGS: Any = {
 NO_DATE: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {},
 }  # fmt: skip
+"""Metadata without a date, by the kinds of files that can be written."""
 
 
 def figure_suffix(path: Path) -> str:
@@ -48,8 +40,8 @@ def figure_suffix(path: Path) -> str:
     Raises:
         UsageError: it is none that can be written.
     """
-    if path.suffix not in FIGURE_SUFFIXES:
-        raise UsageError(f"--figure is a file {', '.join(FIGURE_SUFFIXES)}, not '{path.name}'")
+    if path.suffix not in NO_DATE:
+        raise UsageError(f"--figure is a file {', '.join(NO_DATE)}, not '{path.name}'")
     return path.suffix
 
 
@@ -68,18 +60,11 @@ def write_figure(report: Report, metrics: tuple[str, ...], path: Path) -> None:
     from matplotlib import rc_context  # noqa: PLC0415  an extra
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    wanted = metrics or tuple(dict.fromkeys(map(ranking_metric, report.tasks)))
-    panels = {
-        metric: tasks
-        for metric in wanted
-        if (
-            tasks := [
-                task
-                for task in report.tasks
-                if (metrics or ranking_metric(task) == metric) and _has_value(report, task, metric)
-            ]
-        )
-    }
+    panels: dict[str, list[str]] = {}
+    for task in report.tasks:
+        for metric in metrics or [ranking_metric(task)]:
+            if any(find_estimate(section.run, task, metric) for section in report.sections):
+                panels.setdefault(metric, []).append(task)
     if not panels:
         raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
     with rc_context(PLOT_SETTINGS):
@@ -98,36 +83,27 @@ def write_figure(report: Report, metrics: tuple[str, ...], path: Path) -> None:
     write_file(path, content.getvalue())
 
 
-def _has_value(report: Report, task: str, metric: str) -> bool:
-    return any(find_estimate(section.run, task, metric) for section in report.sections)
-
-
 def _draw_panel(axes: Any, report: Report, metric: str, tasks: list[str]) -> None:
     """Draw one metric; every run has its place in each group, whether or not it has a value."""
     count = len(report.sections)
     for index, section in enumerate(report.sections):
-        found = [find_estimate(section.run, task, metric) for task in tasks]
-        points = [
-            (group + GROUP_WIDTH * ((index + 0.5) / count - 0.5), estimate)
-            for group, estimate in enumerate(found)
-            if estimate
-        ]
-        values = [estimate.value for _, estimate in points]
-        ends = [
-            [max(0.0, estimate.value - estimate.low) for _, estimate in points],
-            [max(0.0, estimate.high - estimate.value) for _, estimate in points],
-        ]
+        place = GROUP_WIDTH * ((index + 0.5) / count - 0.5)
+        found = {
+            group + place: estimate
+            for group, task in enumerate(tasks)
+            if (estimate := find_estimate(section.run, task, metric))
+        }
+        values = [one.value for one in found.values()]
+        below = [max(0.0, one.value - one.low) for one in found.values()]
+        above = [max(0.0, one.high - one.value) for one in found.values()]
         color, mark = POINT_COLORS[index % len(POINT_COLORS)], POINT_MARKS[index % len(POINT_MARKS)]
         axes.errorbar(
-            [x for x, _ in points], values, ends, label=section.name.replace("$", r"\$"),
+            list(found), values, (below, above), label=section.name.replace("$", r"\$"),
             fmt=mark, color=color, markersize=4, capsize=2, elinewidth=1.2,
         )  # fmt: skip
     axes.set_xticks(range(len(tasks)), [labels.task_title(task) for task in tasks])
     axes.set_xlim(-0.5, len(tasks) - 0.5)
     axes.set_ylabel(f"{METRICS[metric].label} ({METRICS[metric].unit_in(tasks[0])})")
-    if METRICS[metric].is_fraction:
-        axes.set_ylim(-0.02, 1.02)
-    else:
-        axes.set_ylim(bottom=0)
+    axes.set_ylim((-0.02, 1.02) if METRICS[metric].is_fraction else (0, None))
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)

@@ -7,7 +7,7 @@ CSV and JSON.
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from itertools import combinations, product
 from pathlib import Path
 from types import MappingProxyType
@@ -30,19 +30,12 @@ from minitouch_bench.text import printable
 
 
 @dataclass(frozen=True)
-class Video:
-    """A video beside the report: its caption, and its address relative to the report."""
-
-    caption: str
-    address: str
-
-
-@dataclass(frozen=True)
 class Report:
     """What every form of a report shows, ``with_paper`` beside the paper's values.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
-    run has both splits. ``episodes``: what the page's browser shows.
+    run has both splits. ``episodes``: what the page's browser shows. ``videos``: captions by
+    address, relative to the report.
     """
 
     tasks: tuple[str, ...]
@@ -52,13 +45,13 @@ class Report:
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
     episodes: Markup
-    videos: tuple[Video, ...]
+    videos: Mapping[str, str]
     with_paper: bool = True
 
 
 def build_report(
     runs: Sequence[Run],
-    videos: Sequence[Video] = (),
+    videos: Mapping[str, str] = MappingProxyType({}),
     *,
     names: Sequence[str] | None = None,
     tasks: Sequence[str] = (),
@@ -103,7 +96,7 @@ def build_report(
         episodes=pages.browser_data(
             [_browsed(section, directory, viewers) for section in sections], tasks
         ),
-        videos=tuple(videos),
+        videos=videos,
         with_paper=with_paper,
     )
 
@@ -158,15 +151,12 @@ def write_page(report: Report, directory: Path) -> None:
     files.write_file(directory / files.REPORT_PAGE, to_html(report))
 
 
-def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
-    """Describe video files for a report that will stand in ``directory``."""
-    return tuple(
-        Video(
-            caption=printable(file.stem.replace("_", " ")),
-            address=pages.relative_address(file, directory),
-        )
+def find_videos(videos: Sequence[Path], directory: Path) -> Mapping[str, str]:
+    """Return the captions of video files by their addresses in a report in ``directory``."""
+    return {
+        pages.relative_address(file, directory): printable(file.stem.replace("_", " "))
         for file in sorted(videos)
-    )
+    }
 
 
 def to_html(report: Report) -> str:
@@ -235,8 +225,7 @@ def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Bloc
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
     for table in report.novel_shapes:
-        for group, _ in table.groups:
-            yield replace(table.block(group), title=f"{table.title}: {group}")
+        yield table
         yield from _notes(table)
     if diagnostics:
         yield report.diagnostics

@@ -17,7 +17,7 @@ METRICS["long_episode"] = Metric(
     "long_episode", "Long episode", "share of episodes", "D", ".3f", "episodes beyond 100 steps",
     direction=DOWN, needs_goal=True, statistic=SHARE, added_later=True,
     derive=lambda episode: episode.steps > 100,
-    shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+    shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
 )
 
 from minitouch_bench.leaderboard import fresh

@@ -14,7 +14,6 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.reporting.report import (
     TABLE_FORMATS,
-    Video,
     build_report,
     find_videos,
     show_report,
@@ -33,7 +32,7 @@ LATEX = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}%
 
 @pytest.fixture(scope="module")
 def page(hac, scripted) -> str:
-    return to_html(build_report([hac, scripted], [Video("pushing 3", "videos/pushing_3.mp4")]))
+    return to_html(build_report([hac, scripted], {"videos/pushing_3.mp4": "pushing 3"}))
 
 
 @pytest.mark.parametrize("before", [(), ("opening",)])  # a first run that shares no task with them
@@ -72,8 +71,8 @@ def test_tasks_and_metrics_are_chosen(hac, novel):
 
 
 def test_videos_are_addressed_relative_to_the_report(tmp_path: Path):
-    (video,) = find_videos([tmp_path / "videos" / "pushing_3 a#b.mp4"], tmp_path)
-    assert (video.caption, video.address) == ("pushing 3 a#b", "videos/pushing_3%20a%23b.mp4")
+    videos = find_videos([tmp_path / "videos" / "pushing_3 a#b.mp4"], tmp_path)
+    assert videos == {"videos/pushing_3%20a%23b.mp4": "pushing 3 a#b"}
 
 
 def test_the_page_is_whole_and_loads_nothing_from_anywhere(page):
