@@ -26,7 +26,7 @@ def series_tone(index: int) -> str:
     return f"series-{index % RUN_COLORS}"
 
 
-MarkShape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
+MarkShape = Literal["circle", "square", "up", "down", "plus", "cross"]
 MARK_SHAPES: tuple[MarkShape, ...] = ("circle", "square", "up", "down", "plus", "cross")
 """The marks of runs, in the order they are given out."""
 
@@ -99,7 +99,6 @@ class Tick:
 
     at: float
     text: str
-    tone: str = "muted"
 
 
 @dataclass(frozen=True)
@@ -193,10 +192,9 @@ def even_axis(label: str, start: float, end: float, step: int) -> Axis:
     return Axis(label, start, end, tuple(Tick(at, str(at)) for at in ticks))
 
 
-def name_axis(names: Sequence[str], muted: Sequence[str] = ()) -> Axis:
-    """Return an axis that names rows from the top down: ``names`` in ink, then ``muted``."""
-    texts = enumerate((*names, *muted))
-    ticks = tuple(Tick(row, text, "ink" if row < len(names) else "muted") for row, text in texts)
+def name_axis(names: Sequence[str]) -> Axis:
+    """Return an axis that names rows from the top down."""
+    ticks = tuple(Tick(row, name) for row, name in enumerate(names))
     return Axis("", len(ticks) - 0.5, -0.5, ticks, is_names=True)
 
 
@@ -293,7 +291,6 @@ _OUTLINES = {
     "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
     "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
     "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
-    "diamond": ((0, -1.15), (1.15, 0), (0, 1.15), (-1.15, 0)),
     "plus": _PLUS,
     "cross": tuple(((x - y) * 0.71, (x + y) * 0.71) for x, y in _PLUS),
 }
@@ -346,7 +343,7 @@ def _grid(frame: PlotArea) -> Iterator[str]:
         if not chart.y.is_names:
             kind = "axis" if tick.at == chart.y.low else "rule"
             yield _path(kind, ((frame.left, at), (frame.right, at)))
-        yield _text(frame.left - 6, at + 4, tick.text, f"end {tick.tone}")
+        yield _text(frame.left - 6, at + 4, tick.text, "end ink" if chart.y.is_names else "end")
     for tick in chart.x.ticks:
         if chart.y.is_names:
             at = frame.x(tick.at)

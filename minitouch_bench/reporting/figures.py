@@ -10,7 +10,7 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels, report_tables
-from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
+from minitouch_bench.reporting.labels import RunSection, task_title
 from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.runs.run import Run
 
@@ -42,21 +42,12 @@ FREE_AIR = 1.0
 
 
 def report_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str], *, with_paper: bool = True
+    sections: Sequence[RunSection], tasks: Sequence[str]
 ) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
     played = {task: _panels(task, sections) for task in goals}
     figures = (
-        charts.Figure(
-            "estimates",
-            "Against the paper" if with_paper else "Estimates",
-            "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
-            "other episodes and object sets."
-            if with_paper
-            else "Each with its 95 % interval.",
-            tuple(_estimate_plot(task, sections, with_paper=with_paper) for task in tasks),
-        ),
         steps_figure(played),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
         _force_figure(sections, tasks),
@@ -103,32 +94,6 @@ def short_names(sections: Sequence[RunSection]) -> tuple[str, ...]:
         name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 4]}… {number}"
         for number, name in enumerate(names, start=1)
     )
-
-
-def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
-    """Name the axis of a metric and start it at 0; a share runs to 1."""
-    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    return charts.value_axis(label, 1.0 if METRICS[metric].is_fraction else max(values))
-
-
-def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: bool) -> charts.Plot:
-    """Draw an estimate of each run with its interval, and the paper's values below."""
-    metric, title = ranking_metric(task), task_title(task)
-    printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, float(text)) for method, text in printed if text and with_paper]
-    marks: list[charts.Mark] = []
-    highest = [0.0]
-    for row, section in enumerate(sections):
-        if estimate := report_tables.find_estimate(section.run, task, metric):
-            marks += charts.estimate_marks(row, row, estimate)
-            highest.append(estimate.high)
-    for row, (_, value) in enumerate(paper, start=len(sections)):
-        marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
-        highest.append(value)
-    rows = charts.name_axis(short_names(sections), [method for method, _ in paper])
-    x = _metric_axis(task, metric, highest)
-    chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
-    return charts.Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
 
 
 def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode]]:
@@ -344,7 +309,9 @@ def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> chart
                 row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True
             )
             highest += [gap.held_out.high, gap.train.high]
-    label, title = METRICS[metric].label, task_title(task)
-    rows, x = charts.name_axis(short_names(sections)), _metric_axis(task, metric, highest)
+    known, rows = METRICS[metric], charts.name_axis(short_names(sections))
+    most = 1.0 if known.is_fraction else max(highest)
+    x = charts.value_axis(f"{known.label}, {known.unit_in(task)}", most)
     chart = charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
-    return charts.Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
+    title = f"{task_title(task)}: {known.label.lower()}"
+    return charts.Plot(title, f"{title} on each split", (chart,))

@@ -166,10 +166,7 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=(
-            start_map(report),
-            *report_figures(report.sections, report.tasks, with_paper=report.with_paper),
-        ),
+        figures=(start_map(report), *report_figures(report.sections, report.tasks)),
         split_figure=split_figure(report.sections, report.tasks),
         tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )

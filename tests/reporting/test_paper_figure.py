@@ -64,5 +64,3 @@ def test_a_task_without_rows_has_no_heading_and_a_mark_has_its_note(runs):
     assert MARK not in of_success
     of_touch = TABLE_FORMATS["md"](build_report(runs, metrics=("touch_interaction",)))
     assert f"{MARK} other unit" in of_touch
-    with pytest.raises(UsageError, match="no run has a value"):
-        build_report(runs, tasks=("playing",), metrics=("success",))
