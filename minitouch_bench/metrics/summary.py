@@ -93,10 +93,7 @@ class TaskResult:
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        shown = (
-            f"{name} {self.estimates[name]}" for name in TABLE4_METRICS if name in self.estimates
-        )
-        return f"<TaskResult of {self.task}: {', '.join(shown)}>"
+        return f"<TaskResult of {self.task}: {', '.join(self.estimates)}>"
 
     def _repr_html_(self) -> str:
         return self.to_frame().to_html(border=0)

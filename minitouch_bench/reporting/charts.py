@@ -10,7 +10,6 @@ import html
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from markupsafe import Markup
 from rich.cells import cell_len
@@ -25,10 +24,6 @@ def series_tone(index: int) -> str:
     """Return the color of the run at this position; the eighth has that of the first."""
     return f"series-{index % RUN_COLORS}"
 
-
-MarkShape = Literal["circle", "square", "up", "down", "plus", "cross"]
-MARK_SHAPES: tuple[MarkShape, ...] = ("circle", "square", "up", "down", "plus", "cross")
-"""The marks of runs, in the order they are given out."""
 
 THOUSANDS_FROM = 10_000
 """Highest value from which an axis counts in thousands, as "2.5k"."""
@@ -57,18 +52,6 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Dot:
-    """A point; ``size``: its height, drawing units."""
-
-    x: float
-    y: float
-    tone: str
-    shape: MarkShape = "circle"
-    size: float = 8.0
-    is_hollow: bool = False
-
-
-@dataclass(frozen=True)
 class Spots:
     """Round dots of one color, drawn as one path, so that a page of thousands stays small.
 
@@ -90,7 +73,7 @@ class Blocks:
     tone: str
 
 
-Mark = Line | Band | Dot | Spots | Blocks
+Mark = Line | Band | Spots | Blocks
 
 
 @dataclass(frozen=True)
@@ -150,12 +133,10 @@ class Plot:
 
 @dataclass(frozen=True)
 class LegendItem:
-    """What a color or a mark stands for."""
+    """What a color stands for."""
 
     text: str
     tone: str
-    shape: MarkShape = "square"
-    is_hollow: bool = False
     title: str = ""
 
 
@@ -206,20 +187,6 @@ def _round_step(least: float) -> float:
     return next(step * size for step in (1, 2, 2.5, 5, 10) if step * size >= least * (1 - 1e-9))
 
 
-# Marks
-
-
-def estimate_marks(
-    index: int, row: float, estimate: Estimate, *, size: float = 8.0, is_hollow: bool = False
-) -> tuple[Line, Dot]:
-    """Return an estimate of the run at ``index`` in a row: its interval, and the run's dot."""
-    tone, shape = series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)]
-    return (
-        Line(((estimate.low, row), (estimate.high, row)), tone, 2.2, 0.6),
-        Dot(estimate.value, row, tone, shape, size, is_hollow),
-    )
-
-
 # Drawing
 
 WIDTH = 260
@@ -227,6 +194,9 @@ WIDTH = 260
 
 CHARACTER = 6.4
 """Width of an average character of the drawing's font, 11 units high."""
+
+LONGEST_TITLE = 40
+"""Characters of a chart's title, which names a run."""
 
 PAD = 7
 """Space around dots, so that one at the end of an axis is drawn whole."""
@@ -272,6 +242,12 @@ def text_width(text: str) -> float:
     return CHARACTER * cell_len(text)
 
 
+def _shortened(title: str) -> str:
+    """Leave out the middle of a title that is wider than a plot."""
+    fits = len(title) <= LONGEST_TITLE
+    return title if fits else f"{title[: LONGEST_TITLE // 2]}…{title[1 - LONGEST_TITLE // 2 :]}"
+
+
 def _left_margin(axis: Axis) -> float:
     widest = max(text_width(tick.text) for tick in axis.ticks)
     return widest + 8 + (14 if axis.label else 0)
@@ -282,21 +258,6 @@ def _right_margin(chart: Chart) -> float:
     return max(2.0, text_width(chart.x.ticks[-1].text) / 2 - PAD)
 
 
-_A, _B = 0.36, 1.05
-_PLUS = (
-    *((-_A, -_B), (_A, -_B), (_A, -_A), (_B, -_A), (_B, _A), (_A, _A)),
-    *((_A, _B), (-_A, _B), (-_A, _A), (-_B, _A), (-_B, -_A), (-_A, -_A)),
-)
-_OUTLINES = {
-    "square": ((-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)),
-    "up": ((0, -1.1), (1, 0.85), (-1, 0.85)),
-    "down": ((0, 1.1), (1, -0.85), (-1, -0.85)),
-    "plus": _PLUS,
-    "cross": tuple(((x - y) * 0.71, (x + y) * 0.71) for x, y in _PLUS),
-}
-"""Corners of the marks, for a circle of radius 1 beside them."""
-
-
 def draw_plot(plot: Plot) -> Markup:
     """Draw the charts of a plot below each other, on one left edge and one x axis."""
     left = max(_left_margin(chart.y) for chart in plot.charts)
@@ -305,11 +266,11 @@ def draw_plot(plot: Plot) -> Markup:
     bottom = 4.0 - GAP
     for chart in plot.charts:
         top = bottom + GAP + (TITLE if chart.title else 0.0)
-        pad = PAD if any(isinstance(mark, Dot) for mark in chart.marks) else 0.0
+        pad = PAD if chart.y.is_names else 0.0
         area = PlotArea(chart, left, right, top, pad, chart is plot.charts[-1])
         bottom = area.bottom
         if chart.title:
-            parts.append(_text(0, top - 8, chart.title, "ink"))
+            parts.append(_text(0, top - 8, _shortened(chart.title), "ink"))
         parts += _grid(area)
         parts += (_mark(area, mark) for mark in chart.marks)
     height = bottom + NUMBERS
@@ -356,8 +317,8 @@ def _grid(frame: PlotArea) -> Iterator[str]:
 
 def _mark(frame: PlotArea, mark: Mark) -> str:
     match mark:
-        case Line(points=((x, y),)):  # as a line it would not be seen
-            return _dot(Dot(x, y, mark.tone, size=POINT), frame.x(x), frame.y(y))
+        case Line(points=(_,)):  # as a line it would not be seen
+            return _mark(frame, Spots(mark.points, mark.tone, POINT))
         case Line():
             more = f' stroke-width="{mark.width:g}"{_faint(mark.opacity)}'
             points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
@@ -365,8 +326,6 @@ def _mark(frame: PlotArea, mark: Mark) -> str:
         case Band():
             outline = [(frame.x(x), frame.y(y)) for x, y in mark.points]
             return _path(f"area {mark.tone}", outline, _faint(mark.opacity))
-        case Dot():
-            return _dot(mark, frame.x(mark.x), frame.y(mark.y))
         case Spots():
             drawn = "".join(f"M{_n(frame.x(x))} {_n(frame.y(y))}h0" for x, y in mark.points)
             links = f' data-episodes="{" ".join(map(str, mark.episodes))}"' if mark.episodes else ""
@@ -385,14 +344,6 @@ def _box(frame: PlotArea, left: float, bottom: float, right: float, top: float) 
 
 def _faint(opacity: float) -> str:
     return "" if opacity == 1 else f' opacity="{opacity:g}"'
-
-
-def _dot(dot: Dot, x: float, y: float) -> str:
-    """Draw a mark about as large as a circle of its size."""
-    kind, r = f"dot {'hollow ' if dot.is_hollow else ''}{dot.tone}", dot.size / 2
-    if dot.shape == "circle":
-        return f'<circle class="{kind}" cx="{_n(x)}" cy="{_n(y)}" r="{_n(r)}"/>'
-    return _path(kind, [(x + r * dx, y + r * dy) for dx, dy in _OUTLINES[dot.shape]])
 
 
 def _path(kind: str, points: Sequence[tuple[float, float]], more: str = "") -> str:

@@ -1,11 +1,17 @@
-"""The figures of a report as data, and the plots that the leaderboard's pages show too."""
+"""The figures of a report as data, of a row's page too, and a figure for a paper as a file."""
 
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import write_file
+from minitouch_bench.machine import require
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
@@ -20,14 +26,8 @@ BIN = 10
 FEW = 0.1
 """Share of the episodes below which a touch curve is drawn faintly."""
 
-SPLIT_OFFSET = 0.17
-"""Half the distance between the held-out and the train mark of a row, rows."""
-
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""
-
-LONGEST_LABEL = 16
-"""Characters of a name that fit beside a chart."""
 
 ENDING_NAMES = {
     Ending.SUCCEEDED: "succeeded",
@@ -56,26 +56,6 @@ def report_figures(
     return tuple(figure for figure in figures if figure.plots)
 
 
-def split_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
-    """Draw held-out beside train shapes, as in the paper's Figure 11."""
-    plots = []
-    for task in tasks:
-        if any(report_tables.find_generalization(one.run, task) for one in sections):
-            other = "episode_steps" if task in GOAL_TASKS else "object_movement"
-            plots += [_split_plot(task, name, sections) for name in (ranking_metric(task), other)]
-    return charts.Figure(
-        "held-out-beside-train",
-        "Held-out beside train shapes",
-        "Each with its 95 % interval, in the manner of the paper's Figure 11.",
-        tuple(plots),
-        (
-            charts.LegendItem("held-out shapes", "muted", "circle"),
-            charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
-            *_run_legend(sections),
-        ),
-    )
-
-
 def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]:
     """Name the runs by their colors; none is needed for a single run."""
     items = (
@@ -84,24 +64,13 @@ def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]
     return tuple(items) if len(sections) > 1 else ()
 
 
-def short_names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    """Shorten the runs' names to fit beside a chart; those that differ stay different."""
-    names = [section.name for section in sections]
-    short = [n if len(n) <= LONGEST_LABEL else f"{n[: LONGEST_LABEL - 1]}…" for n in names]
-    if len(set(short)) == len(names):
-        return tuple(short)
-    return tuple(
-        name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 4]}… {number}"
-        for number, name in enumerate(names, start=1)
-    )
-
-
 def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode]]:
     """Return a task's episodes of each run, by its name where there are several."""
-    names = short_names(sections) if len(sections) > 1 else [""]
     return {
-        name: [episode for episode in section.run.rows if episode.task == task]
-        for name, section in zip(names, sections, strict=True)
+        section.name if len(sections) > 1 else "": [
+            episode for episode in section.run.rows if episode.task == task
+        ]
+        for section in sections
     }
 
 
@@ -251,8 +220,7 @@ def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts
     """
     plots = []
     for task, panels in played.items():
-        by_ending = {name: _peaks(rows) for name, rows in panels.items()}
-        shown = {name: peaks for name, peaks in by_ending.items() if len(peaks) > 1}
+        shown = {name: p for name, rows in panels.items() if len(p := _peaks(rows)) > 1}
         if shown:
             plots.append(_peak_plot(task, shown))
     text = (
@@ -284,7 +252,7 @@ def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]
             low, lower, median, upper, high = np.percentile(peaks, (0, 25, 50, 75, 100)).tolist()
             marks.append(charts.Line(((low, row), (high, row)), ending.tone, 1.2))
             marks.append(charts.Line(((lower, row), (upper, row)), ending.tone, 5, 0.5))
-            marks.append(charts.Dot(median, row, ending.tone))
+            marks.append(charts.Spots(((median, row),), ending.tone, 8))
             cut += sum(peak >= limit for peak in peaks)
             touched += len(peaks)
         names = [f"{ENDING_NAMES[ending]} ({len(peaks)})" for ending, peaks in panel.items()]
@@ -297,21 +265,100 @@ def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]
     return charts.Plot(task_title(task), what, tuple(drawn), note)
 
 
-def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:
-    """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
-    marks: list[charts.Mark] = []
-    highest = [0.0]
-    for row, section in enumerate(sections):
-        result = report_tables.find_generalization(section.run, task)
-        if gap := result.gaps.get(metric) if result else None:
-            marks += charts.estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
-            marks += charts.estimate_marks(
-                row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True
-            )
-            highest += [gap.held_out.high, gap.train.high]
-    known, rows = METRICS[metric], charts.name_axis(short_names(sections))
-    most = 1.0 if known.is_fraction else max(highest)
-    x = charts.value_axis(f"{known.label}, {known.unit_in(task)}", most)
-    chart = charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
-    title = f"{task_title(task)}: {known.label.lower()}"
-    return charts.Plot(title, f"{title} on each split", (chart,))
+# A figure for a paper, drawn by matplotlib
+
+POINT_COLORS = (
+    "#0072b2", "#d55e00", "#009e73", "#aa4488", "#b87a00", "#5d2f0c", "#56b4e9", "#878d96",
+)  # fmt: skip
+POINT_MARKS = "os^vDP*X"
+"""Of the runs, in turn: a figure printed in gray tells them apart too."""
+
+GROUP_WIDTH = 0.7
+"""Room of the runs of one task, where the tasks are 1 apart."""
+
+PLOT_SETTINGS: Any = {
+    "svg.hashsalt": "minitouch-bench", "svg.fonttype": "none", "pdf.fonttype": 42,
+    "axes.spines.top": False, "axes.spines.right": False, "font.size": 9,
+    "legend.frameon": False, "savefig.dpi": 300,
+}  # fmt: skip
+"""The same runs give the same file; text stays text."""
+
+NO_DATE: dict[str, dict[str, Any]] = {
+    ".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {},
+}  # fmt: skip
+"""Metadata without a date, by the kinds of files that can be written."""
+
+
+def check_figure(path: Path) -> None:
+    """Refuse a figure of a kind that cannot be written.
+
+    Raises:
+        UsageError: it is not one of NO_DATE.
+    """
+    if path.suffix not in NO_DATE:
+        raise UsageError(f"--figure is a file {', '.join(NO_DATE)}, not '{path.name}'")
+
+
+def write_figure(
+    sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str], path: Path
+) -> None:
+    """Draw a panel for each metric: tasks across, each run's estimate with its 95 % interval.
+
+    ``metrics``: () for those that rank the tasks. ``path``: see ``check_figure``.
+
+    Raises:
+        UsageError: no run has a value.
+        MissingExtraError: matplotlib is not installed.
+        RunDirectoryError: the file cannot be written.
+    """
+    require("matplotlib", "figure")
+    from matplotlib import rc_context  # noqa: PLC0415  an extra
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    panels: dict[str, list[str]] = {}
+    for task in tasks:
+        for metric in metrics or [ranking_metric(task)]:
+            if any(report_tables.find_estimate(section.run, task, metric) for section in sections):
+                panels.setdefault(metric, []).append(task)
+    if not panels:
+        raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
+    with rc_context(PLOT_SETTINGS):
+        widths = [len(shown) for shown in panels.values()]
+        size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 3.0)
+        figure = Figure(size, layout="constrained")
+        axes = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
+        for one, (metric, shown) in zip(axes, panels.items(), strict=True):
+            _draw_panel(one, sections, metric, shown)
+        handles, names = axes[0].get_legend_handles_labels()
+        if len(names) > 1:
+            columns = max(1, int(size[0] / 1.6))
+            figure.legend(handles, names, loc="outside upper center", ncols=columns)
+        content = io.BytesIO()
+        figure.savefig(content, format=path.suffix[1:], metadata=NO_DATE[path.suffix])
+    write_file(path, content.getvalue())
+
+
+def _draw_panel(axes: Any, sections: Sequence[RunSection], metric: str, tasks: list[str]) -> None:
+    """Draw one metric; every run has its place in each group, whether or not it has a value."""
+    count = len(sections)
+    for index, section in enumerate(sections):
+        place = GROUP_WIDTH * ((index + 0.5) / count - 0.5)
+        found = {
+            group + place: estimate
+            for group, task in enumerate(tasks)
+            if (estimate := report_tables.find_estimate(section.run, task, metric))
+        }
+        values = [one.value for one in found.values()]
+        below = [max(0.0, one.value - one.low) for one in found.values()]
+        above = [max(0.0, one.high - one.value) for one in found.values()]
+        color, mark = POINT_COLORS[index % len(POINT_COLORS)], POINT_MARKS[index % len(POINT_MARKS)]
+        axes.errorbar(
+            list(found), values, (below, above), label=section.name.replace("$", r"\$"),
+            fmt=mark, color=color, markersize=4, capsize=2, elinewidth=1.2,
+        )  # fmt: skip
+    axes.set_xticks(range(len(tasks)), [task_title(task) for task in tasks])
+    axes.set_xlim(-0.5, len(tasks) - 0.5)
+    axes.set_ylabel(f"{METRICS[metric].label} ({METRICS[metric].unit_in(tasks[0])})")
+    axes.set_ylim((-0.02, 1.02) if METRICS[metric].is_fraction else (0, None))
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)

@@ -16,7 +16,6 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.reporting.charts import draw_gauge
 from minitouch_bench.reporting.tables import Cell
-from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
 from minitouch_bench.text import numbered, printable
 
@@ -126,9 +125,6 @@ def counted(estimate: Estimate) -> str:
 
 # Runs
 
-SHOWN_EPISODES = 12
-"""Episodes named for one fault; a policy that always fails would fill the page."""
-
 
 @dataclass(frozen=True)
 class RunSection:
@@ -211,15 +207,6 @@ def group_faults(faults: Iterable[tuple[str, str]]) -> Mapping[str, Sequence[str
     return episodes
 
 
-def fault_lines(section: RunSection) -> list[str]:
-    """Return a line per fault of a run: what went wrong, how often and in which episodes."""
-    lines = []
-    for text, episodes in section.faults.items():
-        times = numbered(len(episodes), "episode")
-        lines.append(f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})")
-    return lines
-
-
 MUCH_CLIPPING = 0.5
 """Share of clipped actions above which a policy probably lacks a tanh, or has other units."""
 
@@ -235,8 +222,7 @@ def run_labels(run: Run) -> tuple[str, ...]:
             if note not in header.policy.notes
         ]
     if not header.official:
-        reasons = "; ".join(header.unofficial_because)
-        labels.append(f"unofficial: {reasons}" if reasons else "unofficial")
+        labels.append(f"unofficial: {'; '.join(header.unofficial_because)}")
     if faults:
         more = ", and others" if len(faults) > 1 else ""
         labels.append(f"{numbered(len(run.faults), 'policy fault')}: {faults[0]}{more}")

@@ -32,6 +32,9 @@ SCENE, CELL = 1.7, 2.0
 MARGIN = 3.0
 """Around the workspace, cm."""
 
+HAND = 1.2
+"""Half the side of the cross at the end effector, cm."""
+
 LEVELS = 4
 """Shades of the touch share."""
 
@@ -279,7 +282,10 @@ def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterato
         yield charts.Band(_corners(*sides), "muted", 0.25)
         return
     x, y, _ = placed[0][0].start.end_effector
-    yield charts.Dot(100 * y, 100 * x, "muted", "cross", 11)
+    across, ahead = 100 * y, 100 * x
+    for turn in (HAND, -HAND):
+        ends = (across - HAND, ahead - turn), (across + HAND, ahead + turn)
+        yield charts.Line(ends, "muted", 2.5)
 
 
 def _corners(left: float, bottom: float, right: float, top: float) -> tuple[Place, ...]:
@@ -298,7 +304,9 @@ def _families(mapped: MappedTask) -> Iterator[charts.Plot]:
             [one.success for one in part if one.family == name] for part in mapped.trainings
         )
         shares = [wilson(sum(wins), len(wins)) for wins in trainings if wins]
-        marks += charts.estimate_marks(0, row, over_seeds(shares, (0.0, 1.0)))
+        found, tone = over_seeds(shares, (0.0, 1.0)), charts.series_tone(0)
+        marks.append(charts.Line(((found.low, row), (found.high, row)), tone, 2.2, 0.6))
+        marks.append(charts.Spots(((found.value, row),), tone, 8))
         labels.append(f"{printable(name)} ({sum(share.count for share in shares)})")
     rows, x = charts.name_axis(labels), charts.value_axis("Success, share of episodes", 1.0)
     chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(names))

@@ -53,7 +53,7 @@ def _environment(templates: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"printable": printable, "draw": draw_plot}
+    environment.filters |= {"printable": printable, "draw": draw_plot, "tone": series_tone}
     return environment
 
 
@@ -68,11 +68,7 @@ def _frame(templates: Path, styles: tuple[str, ...], scripts: tuple[str, ...]) -
         + (f"script-src {' '.join(map(_hash, texts))}; " if texts else "")
         + "img-src 'self' file: data:; media-src 'self' file:; base-uri 'none'; form-action 'none'"
     )
-    return {
-        "style": Markup(style),
-        "scripts": tuple(map(Markup, texts)),
-        "policy": Markup(policy),
-    }
+    return {"style": Markup(style), "scripts": tuple(map(Markup, texts)), "policy": Markup(policy)}
 
 
 def _hash(text: str) -> str:
@@ -98,7 +94,6 @@ class CardValue:
     """The value of one run, and further ones beside it by label."""
 
     name: str
-    tone: str
     cell: Cell
     beside: tuple[tuple[str, str], ...]
 
@@ -130,11 +125,10 @@ def make_card(
     values = tuple(
         CardValue(
             name=name,
-            tone=series_tone(index),
             cell=estimate_cell(metric, estimates.get(metric), paper),
             beside=tuple((METRICS[other].label, _with_unit(other, estimates)) for other in beside),
         )
-        for index, (name, estimates) in enumerate(runs)
+        for name, estimates in runs
     )
     return Card(
         title=task_title(task),
@@ -147,10 +141,8 @@ def make_card(
 
 
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
-    estimate = estimates.get(metric)
-    unit = METRICS[metric].unit
-    short = f" {unit}" if estimate and unit in ("s", "N") else ""
-    return estimate_cell(metric, estimate).text + short
+    text, unit = estimate_cell(metric, estimates.get(metric)).text, METRICS[metric].unit
+    return f"{text} {unit}" if metric in estimates and unit in ("s", "N") else text
 
 
 class Ending(StrEnum):
@@ -247,7 +239,7 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
 
 def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each role and task, a list per column."""
-    numbers = {ending: number for number, ending in enumerate(Ending)}
+    endings = list(Ending)
     for role, rows in run.by_role():
         for task in dict.fromkeys(row.task for row in rows if not tasks or row.task in tasks):
             episodes = [row for row in rows if row.task == task]
@@ -255,7 +247,7 @@ def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
             yield {
                 "key": task if role is Role.FINAL else f"exploration/{task}",
                 "index": [row.index for row in episodes],
-                "ending": [numbers[ending_of(row)] for row in episodes],
+                "ending": [endings.index(ending_of(row)) for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "ticks": [row.touch_interaction for row in episodes],
                 "share": [_rounded("touch_share", row) for row in episodes],

@@ -21,12 +21,13 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
-from minitouch_bench.reporting.charts import Figure, series_tone
-from minitouch_bench.reporting.figures import report_figures, split_figure
+from minitouch_bench.reporting.charts import Figure
+from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.tables import Block, Cell, Table
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run
-from minitouch_bench.text import printable
+from minitouch_bench.text import numbered, printable
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,9 @@ def build_report(
     those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values.
 
     Raises:
-        UsageError: no runs; runs of which a task was played by other rules; names that do not fit
+        UsageError: runs of which a task was played by other rules; names that do not fit
             the runs; a task that no run has, or a metric that does not exist.
     """
-    if not runs:
-        raise UsageError("a report needs at least one run")
     for first, other in combinations(runs, 2):
         if differing := first.header.rules_differ(other.header):
             raise UsageError(
@@ -167,8 +166,6 @@ def to_html(report: Report) -> str:
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
         figures=(start_map(report), *report_figures(report.sections, report.tasks)),
-        split_figure=split_figure(report.sections, report.tasks),
-        tones=tuple(series_tone(index) for index in range(len(report.sections))),
     )
 
 
@@ -212,6 +209,10 @@ def view_directory(run: Path) -> Path:
 # The terminal
 
 
+SHOWN_EPISODES = 12
+"""Episodes named for one fault; a policy that always fails would fill the screen."""
+
+
 def show_report(report: Report, console: Console, *, diagnostics: bool = False) -> None:
     """Print the tables, ``diagnostics`` among them if asked for."""
     tables.show(report_blocks(report, diagnostics=diagnostics), console)
@@ -229,7 +230,10 @@ def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Bloc
         yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
-    yield from (line for section in report.sections for line in labels.fault_lines(section))
+    for section in report.sections:
+        for text, episodes in section.faults.items():
+            times = numbered(len(episodes), "episode")
+            yield f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})"
 
 
 def _notes(table: Table) -> Iterator[Block]:

@@ -128,12 +128,11 @@ def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
 def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     rows = []
-    for task in tasks:
-        for section in sections:
-            summary = task_summary(section.run, task)
-            if summary is not None and summary.estimates:
-                heads = (task_title(task), section.marked_name)
-                rows.append(Row(heads, tuple(_diagnostic_cells(summary))))
+    for task, section in product(tasks, sections):
+        summary = task_summary(section.run, task)
+        if summary is not None and summary.estimates:
+            heads = (task_title(task), section.marked_name)
+            rows.append(Row(heads, tuple(_diagnostic_cells(summary))))
     return Table(
         title="Diagnostics",
         corner=("Task", "Policy"),

@@ -20,7 +20,6 @@ from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
-from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import run_names, task_title
 from minitouch_bench.reporting.pages import TEMPLATES, Ending, ending_of, render_page
 from minitouch_bench.reporting.tables import rows_csv
@@ -242,7 +241,6 @@ def episode_page(one: ReplayedEpisode, beside: ReplayedEpisode | None = None) ->
         title=title,
         shown=shown,
         names=names,
-        tones=[series_tone(index) for index in range(len(shown))],
         run=one.run,
         spec=spec,
         goal=f"{AIMS[spec.task]} Success: {goal}." if goal else AIMS[spec.task],

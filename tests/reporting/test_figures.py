@@ -3,24 +3,12 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.episode import Outcome
+from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.reporting.figures import report_figures, short_names, steps_plot
-from minitouch_bench.reporting.labels import RunSection, describe_runs, tasks_in_order
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("short", "a name that is much too long for a plot"),
-        ("x" * 40 + "one" + "y" * 40, "x" * 40 + "two" + "y" * 40),
-        tuple(f"{'x' * 30}{index}{'y' * 30}" for index in range(12)),
-    ],
-)
-def test_names_that_differ_stay_different_and_fit(names, hac):
-    short = short_names([RunSection(name, hac) for name in names])
-    assert len(set(short)) == len(names)
-    assert all(len(name) <= 16 for name in short)
-    assert all(one == name for one, name in zip(short, names, strict=True) if len(name) <= 16)
+from minitouch_bench.reporting.figures import check_figure, report_figures, steps_plot, write_figure
+from minitouch_bench.reporting.labels import MARK, PAPER_METHODS, describe_runs, tasks_in_order
+from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
+from tests.reporting.synthetic import make_run, save
 
 
 def test_histograms_stack_to_100_percent_on_one_axis(hac):
@@ -44,3 +32,63 @@ def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
     figures = [report_figures(describe_runs([run]), tasks_in_order([run])) for run in (hac, numb)]
     texts = [one.text for found in figures for one in found if one.key == "forces"]
     assert ["given others: hac-seed1" in text for text in texts] == [False, True]
+
+
+# A figure for a paper, drawn by the real matplotlib; and a report without the paper's values
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [save(make_run(name, skill=skill)) for name, skill in (("ours", 0.8), ("x$y$_1", 0.3))]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [(".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")]
+)
+def test_each_kind_is_written_and_is_the_same_again(runs, tmp_path, suffix, magic):
+    report = build_report(runs)
+    contents = []
+    for name in ("one", "again"):
+        path = tmp_path / f"{name}{suffix}"
+        write_figure(report.sections, report.tasks, (), path)
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert contents[0].startswith(magic)
+
+
+def test_runs_are_grouped_by_task_and_named_as_they_are(runs, tmp_path):
+    path = tmp_path / "figure.svg"
+    report = build_report(runs)
+    write_figure(report.sections, report.tasks, (), path)
+    text = path.read_text()
+    assert [text.count(f">{task}<") for task in ("Pushing", "Opening", "Pick-up", "Playing")] == [
+        1, 1, 1, 1,
+    ]  # fmt: skip
+    assert "Success (share of episodes)" in text
+    assert "Touch share" in text
+    assert ">x$y$_1<" in text
+    write_figure(report.sections, report.tasks, ("exploration",), path)
+    assert "Playing" not in path.read_text()
+
+
+def test_what_cannot_be_drawn_is_refused(runs, tmp_path):
+    with pytest.raises(UsageError, match=r"\.svg, \.pdf, \.png"):
+        check_figure(tmp_path / "figure.jpg")
+    with pytest.raises(UsageError, match="nothing to draw"):
+        write_figure(describe_runs(runs), ("playing",), ("exploration",), tmp_path / "figure.svg")
+
+
+def test_without_the_paper_no_form_has_its_values(runs):
+    report = build_report(runs, with_paper=False)
+    for text in (to_html(report), *(write(report) for write in TABLE_FORMATS.values())):
+        assert MARK not in text
+        assert "in the paper" not in text
+        assert all(f"{method}," not in text for method in PAPER_METHODS)
+
+
+def test_a_task_without_rows_has_no_heading_and_a_mark_has_its_note(runs):
+    of_success = TABLE_FORMATS["md"](build_report(runs, metrics=("success",)))
+    assert "Playing" not in of_success
+    assert MARK not in of_success
+    of_touch = TABLE_FORMATS["md"](build_report(runs, metrics=("touch_interaction",)))
+    assert f"{MARK} other unit" in of_touch

@@ -15,8 +15,7 @@ def test_hostile_settings_are_only_text_and_a_single_evaluation_is_drawn(tmp_pat
     assert "&lt;script&gt;x" in page
     assert "<script>x" not in page
     (drawing,) = re.findall(r'<svg[^>]*aria-label="Touch share over.*?</svg>', page)
-    (dot,) = re.findall('<circle class="dot series-1"[^>]*>', drawing)
-    assert 'cy="60' in dot  # 112 units high: half of it
+    assert re.search('<path class="spots series-1"[^>]* d="M[0-9.]+ 60h0"', drawing)  # half of 112
 
 
 def test_success_is_that_of_the_latest_episodes():
