@@ -21,14 +21,10 @@ def test_every_field_of_an_episode_is_its_identity_or_measured_once():
 
 
 def test_table4_has_the_rows_of_the_paper_and_what_playing_is_ranked_by():
-    assert metrics_shown_in(ShownIn.TABLE4) == (
-        "exploration",
-        "success",
-        "episode_steps",
-        "touch_interaction",
-        "touch_share",
-    )
-    assert metrics_shown_in(ShownIn.TABLE4, "playing") == ("touch_interaction", "touch_share")
+    touch = ("touch_interaction", "touch_share")
+    goal = ("exploration", "success", "episode_steps")
+    assert metrics_shown_in(ShownIn.TABLE4) == (*goal, *touch)
+    assert metrics_shown_in(ShownIn.TABLE4, "playing") == touch
 
 
 @pytest.mark.parametrize("metric", ["touch_interaction", "touch_share"])

@@ -86,15 +86,11 @@ def test_it_is_estimated_with_its_own_interval(root):
         assert found["method"] == "wilson"
 
 
-def test_it_is_in_every_table_of_runs(root):
+def test_it_is_in_every_table(root):
     for page in (
-        "report.md",
-        "report.html",
-        "report.tex",
-        "novel.html",
-        "compare.txt",
-        "regress.md",
-    ):
+        "report.md", "report.html", "report.tex", "novel.html", "compare.txt", "regress.md",
+        "board/index.html", "board/submission/seeds.html",
+    ):  # fmt: skip
         assert "Long episode" in (root / page).read_text(), page
 
 
@@ -117,9 +113,6 @@ def test_it_is_on_the_board(root):
     for row in board["ranked"]:
         for task in ("pushing", "opening", "pick-up"):
             assert row["figures"][task]["long_episode"]["high"] > 0
-    for name in ("leaderboard.md", "index.html", "submission/seeds.html"):
-        text = (root / "board" / name).read_text()
-        assert "Long episode" in text or "long_episode" in text
 
 
 def test_stored_runs_stay_valid(root):

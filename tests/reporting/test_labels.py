@@ -81,9 +81,8 @@ def test_limits_and_isolation_are_those_of_the_run(hac, scripted):
     assert command.endswith("--isolation process --trust")
     policy = replace(scripted.header.policy, kind="scripted")  # which runs there in any case
     beside = replace(scripted.header, policy=policy, isolation="none")
-    assert "--isolation" not in reproduce_command(beside)
-    mixed = replace(beside, exploration=hac.header.exploration)  # no level was asked for
-    assert "--isolation" not in reproduce_command(mixed)
+    for header in (beside, replace(beside, exploration=hac.header.exploration)):
+        assert "--isolation" not in reproduce_command(header)
     remote = replace(hac.header.policy, kind="remote")
     chosen = replace(hac.header, policy=remote, isolation="process")  # of the exploration policy
     assert reproduce_command(chosen).endswith("--isolation process --trust")
