@@ -26,6 +26,8 @@ UP = "↑"
 DOWN = "↓"
 NO_DIRECTION = ""
 
+FORCES = PROTOCOL.observation.forces
+
 CONTROL_STEPS = "control steps"
 """Unit of the metrics that no episode can have more of than its task has steps."""
 
@@ -145,10 +147,6 @@ PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
 """Better direction of touch: where a task has a goal, touching more is not better."""
 
 
-def _touch_variance(record: PlayedEpisode) -> float:
-    return float(_axis_variances(record.trace.touch[:, PROTOCOL.observation.forces]).mean())
-
-
 def _contact_force(
     record: PlayedEpisode, condense: Callable[[NDArray[np.float64]], Any]
 ) -> float | None:
@@ -156,10 +154,6 @@ def _contact_force(
     touched = record.trace.contact_ticks > 0
     forces = record.trace.finger_force()[touched].astype(np.float64)
     return float(condense(forces)) if len(forces) else None
-
-
-def _object_movement(record: PlayedEpisode) -> float:
-    return float(_axis_variances(record.trace.object_state).sum())
 
 
 def _first_touch_tick(record: PlayedEpisode) -> int | None:
@@ -255,7 +249,8 @@ _TABLE = (
     Metric(
         "touch_variance", "Touch variance", "N²", "R", ".3g",
         "variance of the finger forces over the episode",
-        column="touch_variance", measure=_touch_variance,
+        column="touch_variance",
+        measure=lambda record: float(_axis_variances(record.trace.touch[:, FORCES]).mean()),
     ),
     Metric(
         "peak_force", "Peak force", "N", "D", ".1f",
@@ -273,7 +268,8 @@ _TABLE = (
         "object_movement", "Object movement", "m²", "T", ".1e",
         "variance of the object's position, or of the door's angle, over the episode",
         task_units={task.name: task.movement_unit for task in PROTOCOL.tasks},
-        column="object_movement", measure=_object_movement,
+        column="object_movement",
+        measure=lambda record: float(_axis_variances(record.trace.object_state).sum()),
         shown_in=ShownIn.DIAGNOSTICS | ShownIn.NOVEL_SHAPES,
     ),
     Metric(

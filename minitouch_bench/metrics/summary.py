@@ -192,18 +192,15 @@ def summarize(
             Role.FINAL: [episode for episode in episodes if episode.task == task],
             Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
         }
-        estimates = {
-            name: metric.estimate(by_role[metric.role], stream(root, task, name))
-            for name, metric in METRICS.items()
-            if metric.is_in(task)
-        }
-        outcomes = Counter(episode.outcome for episode in by_role[Role.FINAL])
+        estimates = {}
+        for name, metric in METRICS.items():
+            if metric.is_in(task):
+                found = metric.estimate(by_role[metric.role], stream(root, task, name))
+                if found is not None:
+                    estimates[name] = found
+        ended = Counter(episode.outcome for episode in by_role[Role.FINAL])
         results.append(
-            TaskResult(
-                task=task,
-                estimates={name: found for name, found in estimates.items() if found is not None},
-                outcomes={outcome: outcomes[outcome] for outcome in Outcome},
-            )
+            TaskResult(task, estimates, {outcome: ended[outcome] for outcome in Outcome})
         )
     return Summary(tuple(results), generalize(episodes, tasks, root))
 

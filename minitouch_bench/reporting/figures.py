@@ -132,16 +132,12 @@ def touch_figure(
     more: str = "",
 ) -> charts.Figure:
     """Draw the touch curves of runs; ``more`` ends the text below."""
-    what = "mean contact ticks at each control step"
     return charts.Figure(
         "touch-over-time",
         "Touch over time",
         "Mean ticks in contact at each control step, over the episodes that reached it; faint "
         f"where fewer than a tenth of the episodes are left{more}.",
-        tuple(
-            _time_plot(task, runs, what, "Ticks per step", lambda result: [result.touch_curve])
-            for task in tasks
-        ),
+        tuple(_time_plot(task, runs, "Ticks per step", _touch_curve) for task in tasks),
         legend,
     )
 
@@ -159,11 +155,12 @@ def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> chart
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."
     runs = [section.run for section in sections]
-    plots = tuple(
-        _time_plot(task, runs, "force at each control step", "Force, N", _quartiles, FREE_AIR)
-        for task in tasks
-    )
+    plots = tuple(_time_plot(task, runs, "Force, N", _quartiles, FREE_AIR) for task in tasks)
     return charts.Figure("forces", "What the fingers felt", text, plots, _run_legend(sections))
+
+
+def _touch_curve(result: TaskResult) -> list[Sequence[float]]:
+    return [result.touch_curve]
 
 
 def _quartiles(result: TaskResult) -> list[list[float]]:
@@ -171,10 +168,9 @@ def _quartiles(result: TaskResult) -> list[list[float]]:
     return [[s.median for s in steps], [s.lower for s in steps], [s.upper for s in steps]]
 
 
-def _time_plot(  # noqa: PLR0917 - what a plot is called, what it draws
+def _time_plot(
     task: str,
     runs: Sequence[Run],
-    what: str,
     label: str,
     curves_of: Callable[[TaskResult], Sequence[Sequence[float]]],
     highest: float = 0.0,
@@ -201,7 +197,7 @@ def _time_plot(  # noqa: PLR0917 - what a plot is called, what it draws
             marks.append(charts.Line(line, tone, *((1.1, 0.35) if is_faint else (1.4,))))
     title, x = task_title(task), charts.value_axis("Control steps", longest)
     chart = charts.Chart(x, charts.value_axis(label, highest), tuple(marks), 112)
-    return charts.Plot(title, f"{title}: {what}", (chart,))
+    return charts.Plot(title, f"{title}: {label.lower()}, by control step", (chart,))
 
 
 def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
