@@ -148,15 +148,14 @@ def test_csv_and_json_are_long_and_labeled(hac, scripted):
 def test_a_run_has_two_views_of_equal_bytes_apart_from_the_times(tmp_path):
     run = make_run(episodes=5, faults=1)
     environment = replace(run.environment, started="2031-12-31T23:59:59Z", wall_s=1.0)
-    for place, made in (("one", run), ("two", replace(run, environment=environment))):
-        write_views(write(made, tmp_path / place / "run"), tmp_path / place / "run")
     first, second = tmp_path / "one" / "run", tmp_path / "two" / "run"
+    for folder, made in ((first, run), (second, replace(run, environment=environment))):
+        write_views(write(made, folder), folder)
     assert {file.name for file in first.iterdir()} == {"episodes.csv", "report.html", "run.json"}
     assert (first / "episodes.csv").read_bytes() == (second / "episodes.csv").read_bytes()
-    later = (
-        (second / "report.html").read_text().replace("2031-12-31T23:59:59Z", "2025-03-04T10:20:30Z")
-    )
-    assert later.replace("took 1 s", "took 754 s") == (first / "report.html").read_text()
+    later = (second / "report.html").read_text().replace("2031-12-31T23:59:59Z, took 1 s", "WHEN")
+    page = (first / "report.html").read_text()
+    assert later == page.replace("2025-03-04T10:20:30Z, took 754 s", "WHEN")
 
 
 def test_episodes_read_back_with_the_published_columns(tmp_path, hac):
@@ -166,5 +165,5 @@ def test_episodes_read_back_with_the_published_columns(tmp_path, hac):
     assert tuple(frame.columns) == EPISODE_COLUMNS
     assert frame["success"].dtype == bool
     assert frame["object_movement"].tolist() == [e.object_movement for e in hac.rows]
-    untouched = [e.first_touch_tick is None for e in hac.rows]
-    assert frame["time_to_first_touch"].isna().tolist() == untouched
+    touched = [e.first_touch_tick is not None for e in hac.rows]
+    assert frame["time_to_first_touch"].notna().tolist() == touched
