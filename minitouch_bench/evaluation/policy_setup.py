@@ -19,8 +19,8 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
-from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
+    FORMATS,
     SANDBOXED,
     TO_REMEMBER,
     Isolation,
@@ -180,7 +180,7 @@ def _find_policy(
     if isinstance(policy, PolicySource):
         source = policy
     elif isinstance(policy, str | Path):
-        source = parse_source(str(policy), tasks, role=role)
+        source = parse_source(str(policy), role=role)
         if Path(policy).is_dir() and Path(source.target) != Path(policy):
             note(f"{source.target} is played")
         trained = trained_task(source)

@@ -13,8 +13,12 @@ from torch import Tensor, nn
 
 import minitouch_bench as mt
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.policies.formats import KIND_BY_SUFFIX
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
+from minitouch_bench.policies.policy import (
+    KIND_BY_SUFFIX,
+    Isolation,
+    IsolationOptions,
+    zero_observation,
+)
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation.runs import play_here
 from tests.policies.conftest import load
@@ -178,23 +182,6 @@ def test_an_example_plays_the_episodes_of_its_python_class(examples, name, monke
 @pytest.mark.parametrize("how", ["trace", "export"])
 def test_an_export_without_memory_is_not_warned_about(how, tmp_path):
     assert notes_of(export(Normalized(), how, tmp_path / FILES[how])) == []
-
-
-@pytest.mark.parametrize("layer", [nn.Dropout(0.5), nn.BatchNorm2d(1)])
-def test_an_export_in_training_mode_is_warned_about(layer, tmp_path):
-    class Trained(nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.batch_norm, self.head = layer, nn.Linear(11, 5)
-
-        def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-            return torch.tanh(self.head(touch) + self.batch_norm(image.float()).mean())
-
-    module = Trained().train()
-    torch.export.save(torch.export.export(module, EXAMPLE), tmp_path / "train.pt2")
-    (note,) = notes_of(tmp_path / "train.pt2")
-    assert "eval()" in note
-    assert notes_of(export(module, "export", tmp_path / "policy.pt2")) == []
 
 
 def test_a_recurrent_onnx_graph_is_warned_about(tmp_path):

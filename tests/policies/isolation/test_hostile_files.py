@@ -238,20 +238,15 @@ def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, f
 
 
 TENSOR = {"dtype": "F32", "shape": [2**32], "data_offsets": [0, 2**34]}
-METADATA = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
-LARGE = json.dumps({"__metadata__": METADATA, "weight": TENSOR}).encode()
+LARGE = json.dumps({"weight": TENSOR}).encode()
 
 
 @pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        (b"ab", "not safetensors"),
-        (struct.pack("<Q", 2**63) + b"{}", "not safetensors"),
-        (struct.pack("<Q", len(LARGE)) + LARGE + bytes(100), "damaged"),
-    ],
+    "content",
+    [struct.pack("<Q", 2**63) + b"{}", struct.pack("<Q", len(LARGE)) + LARGE + bytes(100)],
 )
-def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_path, content, text):
-    refused(policy, tmp_path, "native", content, text)
+def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_path, content):
+    refused(policy, tmp_path, "native", content, "SafetensorError")
 
 
 @pytest.mark.parametrize("kind", ["torch.export", "torchscript", "sb3"])

@@ -14,7 +14,7 @@ from minitouch_bench.policies.policy_process import (
     effective_level,
     isolate,
 )
-from minitouch_bench.policies.sandbox import ENTERED, FactoryPaths, readable_paths
+from minitouch_bench.policies.sandbox import ENTERED, readable_paths
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import make_plan
 from tests.process_tree import run_python
@@ -99,7 +99,7 @@ def test_no_file_is_emptied_under_an_older_landlock(monkeypatch, tmp_path, abi, 
     for place in ("readable", "elsewhere"):
         (tmp_path / place).mkdir()
         (tmp_path / place / "file").write_text("kept")
-    made = sandbox.prepare(*ROOMY, FactoryPaths((str(tmp_path / "readable"),), ()))
+    made = sandbox.prepare(*ROOMY, (str(tmp_path / "readable"),))
     for place in ("readable", "elsewhere"):
         child = os.fork()
         if child == 0:
