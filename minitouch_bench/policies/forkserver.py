@@ -1,7 +1,7 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
 Started by ``connection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``. FD
-is a socket on which every packet is one JSON object. For an episode it brings::
+is a socket on which orders and answers, JSON each, take turns. For an episode it brings::
 
     a StartOrder and its descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}, which ends it
@@ -184,10 +184,11 @@ def _play(order: wire.StartOrder, sandbox: Sandbox | None, channel: int) -> None
             seed_everything(order.seed)  # loading may have drawn numbers
             policy.begin_episode(loaded, order.seed, order.task)
             wire.write_frame(channel, wire.Frame.READY)
-            while observation := wire.read_observation(channel):
-                action = loaded.act(wire.unpack_observation(observation))
-                fitted = fit_action(action, policy.action_size(order.task))
-                wire.write_frame(channel, wire.Frame.ACTION, fitted.tobytes())
+            with open(channel, "rb", closefd=False) as observations:
+                while payload := observations.read(wire.OBSERVATION_BYTES):
+                    action = loaded.act(wire.unpack_observation(payload))
+                    fitted = fit_action(action, policy.action_size(order.task))
+                    wire.write_frame(channel, wire.Frame.ACTION, fitted.tobytes())
     except errors.MiniTouchError as error:
         possible = (kind for kind, failure in wire.FAILURES.items() if isinstance(error, failure))
         text = " ".join(map(str, error.args))  # its str also says whose words they are

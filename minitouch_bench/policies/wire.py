@@ -1,7 +1,7 @@
 """Between the evaluation and a policy's process: packets, and the evaluation's ends of them.
 
-A packet of the kernel's (``SOCK_SEQPACKET``) is an observation one way, and a byte of kind and a
-payload the other way. Nothing is pickled: the trusted side reads numbers and text only.
+Over a Unix socket go observations one way, and packets of a header and a payload the other way.
+Nothing is pickled: the trusted side reads numbers and text only.
 """
 
 import contextlib
@@ -9,6 +9,7 @@ import io
 import os
 import select
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -80,17 +81,14 @@ class WireError(Exception):
     """Bytes that are not of this protocol."""
 
 
+HEADER = struct.Struct("<BI")
+"""The kind of a packet, and the length of its payload in bytes."""
+
+
 def write_frame(channel: int, kind: Frame, payload: bytes = b"") -> None:
     """Write a packet to a socket's descriptor, waiting as long as it takes."""
-    os.write(channel, bytes((kind,)) + payload[:MAX_PAYLOAD])
-
-
-def read_observation(channel: int) -> bytes:
-    """Return the next packet of the evaluation, waiting for it; empty where it closed."""
-    try:
-        return os.read(channel, MAX_PAYLOAD)
-    except ConnectionError:  # closed before it read our last packet
-        return b""
+    payload = payload[:MAX_PAYLOAD]
+    os.write(channel, HEADER.pack(kind, len(payload)) + payload)
 
 
 def pack_observation(observation: Observation) -> bytes:
@@ -201,25 +199,14 @@ def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bo
     return False
 
 
-def _packet_pair() -> tuple[socket.socket, socket.socket]:
-    """Return two connected sockets that keep the bounds of what is sent."""
-    try:
-        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    except OSError:  # macOS: a stream, on which both sides take turns, holds one packet at a time
-        pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        for one in pair:
-            for size in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-                one.setsockopt(socket.SOL_SOCKET, size, 4 * MAX_PAYLOAD)
-        return pair
-
-
 class EpisodeChannel:
     """Packets to and from a watched child, and the pipe that it prints to."""
 
     def __init__(self) -> None:
         self.output = OutputPipe()
-        self._ours, self._theirs = _packet_pair()
+        self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
+        self._received = b""
         self.descriptors = (self._theirs.fileno(), self.output.writer.fileno())
         self._process = -1
 
@@ -234,7 +221,7 @@ class EpisodeChannel:
 
     def ask(self, observation: bytes, deadline: float) -> tuple[Frame, bytes]:
         """Send an observation and return the answer; raises what ``receive`` does."""
-        if self._take():
+        if self._received or self._take():
             raise WireError("it answered before it was asked")
         # If it has ended, or reads nothing, no answer comes.
         with contextlib.suppress(ConnectionError, BlockingIOError):
@@ -249,15 +236,13 @@ class EpisodeChannel:
             EOFError: the child ended, or closed its end.
             WireError: not a packet of this protocol, or one that came before the observation.
         """
-        if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
-            raise TimeoutError
-        packet = self._take()
-        if not packet:
-            raise EOFError
-        try:
-            return Frame(packet[0]), packet[1:]
-        except ValueError:
-            raise WireError(f"a packet of kind {packet[0]}") from None
+        while len(self._received) < (end := self._packet_end()):
+            if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
+                raise TimeoutError
+            if not self._take():
+                raise EOFError
+        packet, self._received = self._received[:end], self._received[end:]
+        return Frame(packet[0]), packet[HEADER.size :]
 
     def hang_up(self) -> None:
         """Close all but the output; a child that lives reads their end."""
@@ -271,15 +256,22 @@ class EpisodeChannel:
         self.hang_up()
         self.output.close()
 
-    def _take(self) -> bytes:
-        """Return the packet that is there, empty where there is none or no more can come."""
-        try:
-            packet, _, flags, _ = self._ours.recvmsg(1 + MAX_PAYLOAD)
-        except (BlockingIOError, ConnectionError):
-            return b""
-        if flags & socket.MSG_TRUNC:
-            raise WireError(f"a packet of more than {MAX_PAYLOAD} bytes")
-        return packet
+    def _packet_end(self) -> int:
+        """Return how many bytes the next packet has, or its header while that is not received."""
+        if len(self._received) < HEADER.size:
+            return HEADER.size
+        kind, length = HEADER.unpack_from(self._received)
+        if kind not in {*Frame} or length > MAX_PAYLOAD:
+            raise WireError(f"a packet of kind {kind} with {length} bytes")
+        return HEADER.size + length
+
+    def _take(self) -> int:
+        """Read what is there and return its length, 0 where nothing is or no more can come."""
+        part = b""
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            part = self._ours.recv(MAX_PAYLOAD)
+        self._received += part
+        return len(part)
 
 
 class HostGoneError(Exception):
@@ -291,7 +283,7 @@ class HostConnection:
 
     def __init__(self, setup: HostSetup) -> None:
         self.setup = setup
-        self._control, theirs = _packet_pair()
+        self._control, theirs = socket.socketpair()
         self.output = OutputPipe()
         # In the sandbox a host has nothing in its environment that a policy must not learn.
         is_confined = setup.options.level is policy.Isolation.SANDBOX
@@ -326,12 +318,10 @@ class HostConnection:
             deadline = CLOCK.now() + timeout_s
             if not wait_for((self._control.fileno(),), self.output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
-            packet = self._control.recv(MAX_PAYLOAD)
-        except OSError as error:
-            raise HostGoneError(str(error)) from error
-        if not packet:
-            raise HostGoneError("it ended")
-        return msgspec.json.decode(packet)
+            answer: dict[str, Any] = msgspec.json.decode(self._control.recv(MAX_PAYLOAD))
+        except (OSError, ValueError) as error:  # it ended, or answers to an order before
+            raise HostGoneError(str(error) or "it ended") from error
+        return answer
 
     def close(self) -> None:
         """End the host and every process it forked."""

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame
+from minitouch_bench.policies.wire import HEADER, MAX_PAYLOAD, Frame
 
 calls = 0
 """Acts so far in this process; a later episode must not see those of an earlier one."""
@@ -49,7 +49,7 @@ def close_pipes():
 
 
 def pack_frame(kind, payload=b""):
-    return bytes((kind,)) + payload
+    return HEADER.pack(kind, len(payload)) + payload
 
 
 def say(*packets):
@@ -87,7 +87,7 @@ ACTS = {
     "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
-    "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
+    "speak_at_length": lambda: say_only(pack_frame(Frame.ACTION, bytes(MAX_PAYLOAD + 1))),
     "cut_short": lambda: say_only(pack_frame(Frame.ACTION, bytes(15))),
     "claim_absence": lambda: say_only(pack_frame(Frame.UNREACHABLE, b"gone")),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
