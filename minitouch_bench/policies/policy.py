@@ -15,6 +15,7 @@ from minitouch_bench.episode import IN_MEMORY, Observation, PolicyIdentity
 from minitouch_bench.errors import (
     MissingExtraError,
     PolicyError,
+    PolicyFaultError,
     PolicyLoadError,
     PolicyRaisedError,
     ServerUnreachableError,
@@ -300,11 +301,6 @@ def find_loader(kind: str) -> Callable[[PolicySource], Policy]:
     return look_up(f"minitouch_bench.policies.{FORMATS[kind].loader}")
 
 
-def is_unreachable(kind: str, error: BaseException) -> bool:
-    """Tell whether our client of a policy server found nobody: only it can say so, no policy."""
-    return kind == "remote" and isinstance(error, ServerUnreachableError)
-
-
 @contextmanager
 def own_faults(kind: str) -> Iterator[None]:
     """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
@@ -317,7 +313,8 @@ def own_faults(kind: str) -> Iterator[None]:
     except (PolicyError, MissingExtraError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        if is_unreachable(kind, error):
+        # Our client of a policy server found nobody: only it can say so, no policy.
+        if kind == "remote" and isinstance(error, ServerUnreachableError):
             raise
         raise PolicyRaisedError(describe(error)) from error
 
@@ -332,13 +329,10 @@ def load_policy(source: PolicySource) -> Policy:
         ServerUnreachableError: the policy is a server, and there is no connection to it.
     """
     try:
-        return find_loader(source.kind)(source)
+        with own_faults(source.kind):
+            return find_loader(source.kind)(source)
+    except PolicyFaultError as error:
+        text = f"{source.target}: not a readable {source.kind} policy: {error.args[0]}"
+        raise PolicyLoadError(text) from error
     except PolicyLoadError as error:
         raise PolicyLoadError(f"{source.target}: {error}") from error
-    except (MissingExtraError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # also what a foreign reader or a factory ends a program with
-        if is_unreachable(source.kind, error):
-            raise
-        text = f"{source.target}: not a readable {source.kind} policy: {describe(error)}"
-        raise PolicyLoadError(text) from error

@@ -54,8 +54,8 @@ class Sb3Policy:
     def __init__(self, policy: Any, deterministic: bool) -> None:
         self._policy = policy
         self._deterministic = deterministic
-        check_action_space(policy.action_space)
         self._frames = count_frames(policy.observation_space)
+        check_action_space(policy.action_space)
         # The forces have the largest bounds. VecFrameStack orders bounds otherwise than frames.
         forces = range(TOUCH_SHAPE[0])[PROTOCOL.observation.forces]
         bounds = np.sort(policy.observation_space["touch"].high)
