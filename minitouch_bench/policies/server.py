@@ -45,11 +45,9 @@ class PolicyServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(
-        self, factory: Callable[..., Policy], address: tuple[str, int], name: str = "policy"
-    ) -> None:
+    def __init__(self, factory: Callable[..., Policy], address: tuple[str, int]) -> None:
         super().__init__(address, PolicyHandler)
-        self.name = name
+        self.name = getattr(factory, "__name__", "policy")
         self._factory = factory
         self._numbers = itertools.count(1)
         self._episodes: OrderedDict[str, Policy] = OrderedDict()
@@ -145,7 +143,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
 
 def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8000) -> None:
     """Serve policies until interrupted, each episode with a new one from ``factory``."""
-    with PolicyServer(factory, (host, port), getattr(factory, "__name__", "policy")) as server:
+    with PolicyServer(factory, (host, port)) as server:
         server.serve_forever()
 
 

@@ -52,7 +52,7 @@ class StartOrder(msgspec.Struct, frozen=True):
 
 
 class Frame(IntEnum):
-    """Kinds of packet from a policy's process: the first four in this order, the last each time."""
+    """Kinds of packet from a policy's process: the first three once each, then actions."""
 
     CONFINED = 1
     """Before a byte of the checkpoint is looked at."""
@@ -245,7 +245,7 @@ class EpisodeChannel:
         return Frame(packet[0]), packet[HEADER.size :]
 
     def hang_up(self) -> None:
-        """Close all but the output; a child that lives reads their end."""
+        """Close all but the output; a child that lives reads the end of the observations."""
         self._ours.close()
         if self._process >= 0:
             os.close(self._process)
@@ -320,7 +320,7 @@ class HostConnection:
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
             answer: dict[str, Any] = msgspec.json.decode(self._control.recv(MAX_PAYLOAD))
         except (OSError, ValueError) as error:  # it ended, or answers to an order before
-            raise HostGoneError(str(error) or "it ended") from error
+            raise HostGoneError("it ended") from error
         return answer
 
     def close(self) -> None:

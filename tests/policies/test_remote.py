@@ -55,7 +55,7 @@ def serving(server):
 
 @pytest.fixture
 def server():
-    with PolicyServer(Echo, ("127.0.0.1", 0), "echo") as server, serving(server):
+    with PolicyServer(Echo, ("127.0.0.1", 0)) as server, serving(server):
         yield server
 
 
