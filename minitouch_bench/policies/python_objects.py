@@ -46,10 +46,7 @@ def load_factory(source: PolicySource) -> Policy:
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
-    factory = look_up_own(source.target)
-    if not callable(factory):
-        raise PolicyLoadError("it cannot be called to make a policy")
-    return make_policy(factory, source.deterministic)
+    return make_policy(look_up_own(source.target), source.deterministic)
 
 
 CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")

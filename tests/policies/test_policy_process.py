@@ -166,13 +166,10 @@ def test_what_cannot_be_loaded_is_told_from_a_fault_in_reset(bad, monkeypatch, w
         bad.reset(what if isinstance(what, int) else 0, "pushing")
 
 
-def test_what_a_policy_warns_of_is_one_line(bad, monkeypatch):
+def test_its_warning_is_one_line_and_an_exploration_policy_is_told_to_sample(bad, monkeypatch):
     monkeypatch.setattr(bad, "_source", factory("Forgetful"))
     bad.reset(SEEDS["fine"], "pushing")
     assert bad.warning == "it forgets much"
-
-
-def test_an_exploration_policy_is_told_to_sample(bad, monkeypatch):
     for deterministic in (True, False):
         told = replace(factory("told_factory"), deterministic=deterministic)
         monkeypatch.setattr(bad, "_source", told)
