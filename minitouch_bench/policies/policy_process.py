@@ -139,29 +139,31 @@ class PolicyProcess:
         self._channel = self._host = None
 
     def _start(self, part: PolicySource, order: wire.StartOrder) -> None:
-        """Have a child forked by the host, or by a new one where it is for other policies."""
+        """Have a child forked; a host that has ended or is too slow is replaced, once."""
         setup = wire.HostSetup(part.kind, replace(self._options, private=""))
         if part.kind == "factory" and self._options.level is Isolation.SANDBOX:
             setup = wire.HostSetup(part.kind, self._options, part.target)
         if self._host is not None and self._host.setup != setup:
             self._drop_host()
-        try:
-            files = self._open_file(part)
-            self._host = self._host or HostConnection(setup)
-            channel = self._channel = EpisodeChannel()
-        except OSError as error:  # too many files are open, or there is no memory or disk
-            text = f"no process can be started for the policy: {error}"
-            raise errors.InfrastructureError(text) from error
-        try:
-            limit_s = self._limits.load_timeout_s
-            answer = self._host.order(order, limit_s, (*channel.descriptors, *files))
-        except HostGoneError as error:
-            problem = ": ".join(filter(None, (str(error), self._host.output.last_line())))
-            self._drop_host()
-            text = f"the policy's host process cannot work ({problem})"
-            raise errors.InfrastructureError(text) from error
-        finally:
-            channel.hand_over()
+        for _ in range(2):
+            try:
+                files = self._open_file(part)
+                self._host = self._host or HostConnection(setup)
+                channel = self._channel = EpisodeChannel()
+            except OSError as error:  # too many files are open, or there is no memory or disk
+                text = f"no process can be started for the policy: {error}"
+                raise errors.InfrastructureError(text) from error
+            try:
+                limit_s = self._limits.load_timeout_s
+                answer = self._host.order(order, limit_s, (*channel.descriptors, *files))
+                break
+            except HostGoneError as error:
+                problem = ": ".join(filter(None, (str(error), self._host.output.last_line())))
+                self._drop_host()
+            finally:
+                channel.hand_over()
+        else:
+            raise errors.InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
             self._drop_host()
             raise getattr(errors, answer["class"])(answer["error"])

@@ -270,9 +270,9 @@ def test_a_model_whose_observations_were_normalized_is_refused(observation, tmp_
     def plain():  # VecNormalize changes the space of what it wraps
         return DummyVecEnv([lambda: Sinking(4)])
 
-    for key, words in (("touch", "under VecNormalize"), ("image", "on another observation")):
+    for key in ("touch", "image"):
         model = make("SAC", VecNormalize(plain(), norm_obs_keys=[key]), net_arch=[8]).learn(16)
-        refused(saved(model), words)
+        refused(saved(model), "under VecNormalize")
         model.save(file := tmp_path / "policy.zip")
         loaded = stable_baselines3.SAC.load(file, env=VecNormalize(plain(), norm_obs_keys=[key]))
         for one in (model, loaded):
