@@ -1,6 +1,6 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
-Started by ``connection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``. FD
+Started by ``HostConnection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``. FD
 is a socket on which orders and answers, JSON each, take turns. For an episode it brings::
 
     a StartOrder and its descriptors
@@ -11,7 +11,7 @@ is a socket on which orders and answers, JSON each, take turns. For an episode i
 ``status`` is that of Popen.returncode, ``grown_mb`` the MiB by which the policy's process exceeded
 what it was forked with, at most.
 
-The descriptors are a socket for requests and answers, a pipe for what the policy prints, so that
+The descriptors are a socket for observations and answers, a pipe for what the policy prints, so that
 nothing of one episode can be left in them for the next, and the checkpoint's file, if it has one.
 
 The host reads orders only, and nothing that a policy says. The policy's process, forked for one
