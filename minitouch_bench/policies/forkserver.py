@@ -1,7 +1,7 @@
 """The process that policies are forked from: heavy packages imported, no checkpoint loaded.
 
-Started by ``HostConnection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``. FD
-is a socket on which orders and answers, JSON each, take turns. For an episode it brings::
+Started by ``HostConnection`` as ``python -m minitouch_bench.policies.forkserver FD PARENT SETUP``.
+FD is a socket on which orders and answers, JSON each, take turns. For an episode it brings::
 
     a StartOrder and its descriptors
         -> {"pid": 123}  or  {"error": "...", "class": "PolicyLoadError"}, which ends it
@@ -11,8 +11,8 @@ is a socket on which orders and answers, JSON each, take turns. For an episode i
 ``status`` is that of Popen.returncode, ``grown_mb`` the MiB by which the policy's process exceeded
 what it was forked with, at most.
 
-The descriptors are a socket for observations and answers, a pipe for what the policy prints, so that
-nothing of one episode can be left in them for the next, and the checkpoint's file, if it has one.
+The descriptors are a socket for observations and answers, a pipe for what the policy prints, so
+that nothing of one episode can be left in them for the next, and the checkpoint's file, if any.
 
 The host reads orders only, and nothing that a policy says. The policy's process, forked for one
 episode, loads the checkpoint, answers, and ends with the episode.
