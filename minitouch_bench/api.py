@@ -36,8 +36,7 @@ from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import StrPath, Words, checked, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
-from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.policies.policy import Isolation, isolation_options
+from minitouch_bench.policies.policy import BUILT_IN, Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.reporting.viewer import EpisodePage
