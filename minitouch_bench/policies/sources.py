@@ -173,6 +173,16 @@ def is_still(recorded: PolicyIdentity, role: Role) -> bool:
     return False
 
 
+def trained_task(source: PolicySource) -> str | None:
+    """Return the task of the training whose final policy this is, None of another policy."""
+    file = Path(source.target)
+    with suppress(UsageError):
+        if file.name == TRAINED_FILE:
+            task = read_toml(file.with_name(CONFIG_FILE)).get("task")
+            return task if task in TASK_NAMES else None
+    return None
+
+
 def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
     """Return a checkpoint's bytes, those of a directory in one file; ``follow`` allows a link.
 

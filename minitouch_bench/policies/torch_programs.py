@@ -28,20 +28,25 @@ RAN = "failed in the TorchScript interpreter"
 TORCH_ERRORS = (RuntimeError, torch.jit.Error)
 """The second is what a script raises itself."""
 
+TRAINED_OTHERWISE = ("dropout", "batch_norm")
+"""Operations that compute something else in training."""
+
 
 class ModulePolicy:
     """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``.
 
     ``memory`` is what the module could remember with, "" for nothing: its trial finds out whether
-    it does.
+    it does. ``trains`` is the part that works as in training, "" for none.
     """
 
-    def __init__(self, module: Any, memory: str = "") -> None:
+    def __init__(self, module: Any, memory: str = "", trains: str = "") -> None:
         self._module = module
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: saving it drops what "
             f"forward assigns to anything but a buffer. {policy.TO_REMEMBER}"
         )
+        if trains:
+            self.warning = f"its {trains} works as in training: call eval() before the export"
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
@@ -94,7 +99,8 @@ def load_exported(source: policy.PolicySource) -> ModulePolicy:
             f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
         )
     tensors = {**dict(program.named_buffers()), **program.constants}
-    return ModulePolicy(program.module(), _find_memory(source.content, tensors))
+    memory = _find_memory(source.content, tensors)
+    return ModulePolicy(program.module(), memory, _find_training_mode(program))
 
 
 def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
@@ -125,6 +131,19 @@ def _last_line(error: Exception) -> str:
     """Return the end of torch's message, where it says what went wrong."""
     lines = [line for line in str(error).splitlines() if line.strip()]
     return plain_line(lines[-1]) if lines else type(error).__name__
+
+
+def _find_training_mode(program: Any) -> str:
+    """Name a dropout or a batch normalization that works as in training, "" for none."""
+    for node in program.graph.nodes:
+        schema = getattr(node.target, "_schema", None)  # only an operation has one
+        part = next((part for part in TRAINED_OTHERWISE if part in str(node.target)), "")
+        if schema is None or not part:
+            continue
+        named = zip(schema.arguments, node.args, strict=False)  # those with a default can be absent
+        if any(one.name in ("train", "training") and value is True for one, value in named):
+            return part
+    return ""
 
 
 def _find_memory(content: bytes, tensors: Mapping[str, Any]) -> str:

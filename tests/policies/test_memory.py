@@ -180,3 +180,20 @@ def test_an_example_plays_the_episodes_of_its_python_class(examples, name, monke
     assert {digest_of(str(file)) for file in files} == {wanted}
     if name == "recurrent":
         assert [file.suffix for file in files] == [".pt", ".pt2"]
+
+
+@pytest.mark.parametrize("layer", [nn.Dropout(0.5), nn.BatchNorm2d(1)])
+def test_an_export_in_training_mode_is_warned_about(layer, tmp_path):
+    class Trained(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.batch_norm, self.head = layer, nn.Linear(11, 5)
+
+        def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+            return torch.tanh(self.head(touch) + self.batch_norm(image.float()).mean())
+
+    module = Trained().train()
+    torch.export.save(torch.export.export(module, EXAMPLE), tmp_path / "train.pt2")
+    (note,) = notes_of(tmp_path / "train.pt2")
+    assert "eval()" in note
+    assert notes_of(export(module, "export", tmp_path / "policy.pt2")) == []
