@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.cli.options import option
 from minitouch_bench.errors import UsageError
 
 
@@ -16,22 +17,16 @@ def compare(
     ] = None,
     *,
     a: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="RUN", help="A run of a training seed of method A; repeat it."),
+        list[Path] | None, option("RUN", "A run of a training seed of method A; repeat it.")
     ] = None,
     b: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="RUN", help="A run of a training seed of method B; repeat it."),
+        list[Path] | None, option("RUN", "A run of a training seed of method B; repeat it.")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Write comparison.md and comparison.json to this directory."
-        ),
+        Path | None, option("DIR", "Write comparison.md and comparison.json to this directory.")
     ] = None,
     html: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.html", help="Write a page with the tables and maps of starts."),
+        Path | None, option("FILE.html", "Write a page with the tables and maps of starts.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -56,14 +51,12 @@ def compare(
             print(methods_json(methods), end="")
         else:
             tables.show(method_blocks(methods), data_console())
-        if output is not None:
-            note(f"comparison: {output / 'comparison.md'}")
-        return
-    comparison = api.compare(*(runs or ()), output=output, html=html)
-    if as_json:
-        print(comparison_json(comparison), end="")
     else:
-        show_comparison(comparison, data_console())
+        comparison = api.compare(*(runs or ()), output=output, html=html)
+        if as_json:
+            print(comparison_json(comparison), end="")
+        else:
+            show_comparison(comparison, data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
     if html is not None:

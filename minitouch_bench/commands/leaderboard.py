@@ -9,16 +9,17 @@ import typer
 from minitouch_bench import errors
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note, print_problems
-from minitouch_bench.cli.options import Command, make_group
+from minitouch_bench.cli.options import Command, flag, make_group, option
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, RESULTS, SUBMISSIONS
-from minitouch_bench.text import printable
+
+BOARD = REPORTS / "leaderboard"
 
 app = make_group(help="Check submissions, play their rows, and build the leaderboard.")
 
 Names = Annotated[list[str], typer.Argument(metavar="NAME", help="Names of submissions.")]
-Submissions = Annotated[Path, typer.Option(metavar="DIR", help="Directory of all submissions.")]
-Results = Annotated[Path, typer.Option(metavar="DIR", help="Directory of the rows' results.")]
+Submissions = Annotated[Path, option("DIR", "Directory of all submissions.")]
+Results = Annotated[Path, option("DIR", "Directory of the rows' results.")]
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard check my-policy")
@@ -30,16 +31,15 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
         read_submission,
     )
 
-    bad = 0
+    is_sound = True
     for name in names:
         if problems := [*check_submission(submissions / name)]:
             print_problems(name, problems)
-            bad += 1
-            continue
-        print(f"{printable(name)}: sound")
-        for sentence in equal_checkpoints(submissions, read_submission(submissions / name)):
-            print(f"{name}: {sentence}")
-    if bad:
+            is_sound = False
+        else:
+            copies = equal_checkpoints(submissions, read_submission(submissions / name))
+            print_problems(name, ["sound", *copies])
+    if not is_sound:
         raise typer.Exit(errors.CHECK_FAILED)
 
 
@@ -47,9 +47,7 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
 def play(
     names: Names,
     *,
-    suite: Annotated[
-        str | None, typer.Option(metavar="SUITE", help="Only this suite of the submissions'.")
-    ] = None,
+    suite: Annotated[str | None, option("SUITE", "Only this suite of the submissions'.")] = None,
     stop_after: options.StopAfter = None,
     workers: options.Workers = AUTO,
     submissions: Submissions = SUBMISSIONS,
@@ -64,7 +62,6 @@ def play(
     from minitouch_bench.leaderboard.entry import Entry, play_row
     from minitouch_bench.leaderboard.submission import check_submission
 
-    seconds = options.seconds_of("--stop-after", stop_after)
     entries = []
     for name in names:
         if problems := [*check_submission(submissions / name)]:
@@ -75,17 +72,17 @@ def play(
         if suite is not None and suite not in suites:
             raise errors.UsageError(f"{entry.name} is for {', '.join(suites)}, not for {suite}")
         entries.append(entry)
-    waiting = False
+    is_waiting = False
     with episode_progress() as shown, open_engine("local", workers) as engine:
-        callbacks = stopping_after(seconds, shown)
+        callbacks = stopping_after(stop_after, shown)
         for entry in entries:
             row = play_row(entry, engine, callbacks, suites=(suite,) if suite else ())
             if row.waiting:
                 print_problems(entry.name, [f"it stays waiting: {row.waiting}"])
-                waiting = True
+                is_waiting = True
             else:
                 print(entry.results)
-    if waiting:
+    if is_waiting:
         raise typer.Exit(errors.HopelessRunError.exit_code)
     note("next: minitouch-bench leaderboard build")
 
@@ -94,9 +91,7 @@ def play(
 def build(
     submissions: Submissions = SUBMISSIONS,
     results: Results = RESULTS,
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Directory of the leaderboard.")
-    ] = REPORTS / "leaderboard",
+    output: Annotated[Path, option("DIR", "Directory of the leaderboard.")] = BOARD,
 ) -> None:
     """Write the leaderboard as Markdown, JSON and a site that opens offline."""
     from minitouch_bench.leaderboard.site import build_board
@@ -117,12 +112,13 @@ def remove(
     *,
     submissions: Submissions = SUBMISSIONS,
     results: Results = RESULTS,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, flag("--yes", "Do not ask.")] = False,
 ) -> None:
     """Remove a submission and its results, after showing what goes."""
     from minitouch_bench.leaderboard.packing import find_removable, remove_submission
 
-    for path, content in (there := find_removable(submissions, results, name)).items():
+    there = find_removable(submissions, results, name)
+    for path, content in there.items():
         note(f"{path}{os.sep}: {content}")
     if not yes:
         if not os.isatty(0):

@@ -9,8 +9,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import data_console, episode_progress, note
-from minitouch_bench.cli.options import output_option
-from minitouch_bench.episode import PolicyIdentity
+from minitouch_bench.cli.options import flag, option, output_option
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import append_bytes, lock_directory, write_file
@@ -20,7 +19,6 @@ from minitouch_bench.protocol.minitouch import USUAL_LIMITS
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from minitouch_bench.comparison.gate import GateResult
     from minitouch_bench.evaluation.engine import Engine
     from minitouch_bench.evaluation.policy_setup import PolicySetup
     from minitouch_bench.runs.run import Run
@@ -37,45 +35,44 @@ def regress(
     *,
     baseline: Annotated[
         list[Path],
-        typer.Option(
-            metavar="RUN", help="Directory of the run to compare with; repeat it, see --candidate."
-        ),
+        option("RUN", "Directory of the run to compare with; repeat it, see --candidate."),
     ],
     candidate: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="RUN",
-            help="Directory of a finished run, in place of POLICY. To judge a method, repeat both "
+        option(
+            "RUN",
+            "Directory of a finished run, in place of POLICY. To judge a method, repeat both "
             "options, with one run of each training seed.",
         ),
     ] = None,
     metric: Annotated[
-        str | None,
-        typer.Option(
-            help="What decides: the mean of this metric over its tasks; by default success, in "
-            "Playing alone touch_share."
+        str,
+        option(
+            "NAME",
+            "What decides: the mean of this metric over its tasks; by default success, in "
+            "Playing alone touch_share.",
         ),
-    ] = None,
+    ] = "",
     tolerance: Annotated[
         str | None,
-        typer.Option(
-            metavar="X|X%",
-            help="How much worse the metric may get, such as 0.05 or 10%; the default depends on "
-            "the metric.",
+        option(
+            "X|X%",
+            "How much worse the metric may get, such as 0.05 or 10%; the default depends on the "
+            "metric.",
         ),
     ] = None,
     alpha: Annotated[
         float | None,
-        typer.Option(
-            metavar="X",
-            help="Chance of a false regression, from 0.001 to 0.25; by default that of every test.",
+        option(
+            "X",
+            "Chance of a false regression, from 0.001 to 0.25; by default that of every test.",
         ),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Always fail if there are not enough episodes.")
+        bool, flag("--strict", "Always fail if there are not enough episodes.")
     ] = False,
     lenient: Annotated[
-        bool, typer.Option("--lenient", help="Never fail if there are not enough episodes.")
+        bool, flag("--lenient", "Never fail if there are not enough episodes.")
     ] = False,
     workers: options.Workers = AUTO,
     engine: options.EngineName = "local",
@@ -83,8 +80,8 @@ def regress(
     output: Annotated[
         Path | None,
         output_option(
-            metavar="DIR",
-            help="Directory of POLICY's run; by default that of evaluate, with -regress behind it.",
+            "DIR",
+            "Directory of POLICY's run; by default that of evaluate, with -regress behind it.",
         ),
     ] = None,
     resume: options.Resume = False,
@@ -93,16 +90,14 @@ def regress(
     trust: options.Trust = False,
     act_timeout: options.ActTimeout = USUAL_LIMITS.act_timeout_s,
     episode_timeout: options.EpisodeTimeout = USUAL_LIMITS.episode_timeout_s,
-    junit: Annotated[
-        Path | None, output_option(metavar="FILE", help="Write JUnit XML to this file.")
-    ] = None,
+    junit: Annotated[Path | None, output_option("FILE", "Write JUnit XML to this file.")] = None,
     summary: Annotated[
         Path | None,
         output_option(
-            metavar="FILE",
+            "FILE",
+            "Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.",
             envvar=GITHUB_SUMMARY,
             show_envvar=False,
-            help="Append Markdown to this file; by default to $GITHUB_STEP_SUMMARY, if set.",
         ),
     ] = None,
     as_json: options.AsJson = False,
@@ -111,10 +106,6 @@ def regress(
 
     A policy plays the baseline's episodes; its run is kept in its directory.
     """
-    candidates = candidate or []
-    isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
-    chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
-    _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
     from minitouch_bench.comparison import gate, gate_report, pairing
     from minitouch_bench.comparison.retrainings import judge
     from minitouch_bench.evaluation.engine import open_engine
@@ -122,10 +113,13 @@ def regress(
     from minitouch_bench.runs.run import read_run
     from minitouch_bench.verification.static_check import refuse_edited
 
+    candidates = candidate or []
+    isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
+    chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
+    _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
     allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
-    settings = gate.GateSettings(
-        gate.GateSettings.alpha if alpha is None else alpha, metric or "", allowed, strict, lenient
-    )
+    level = gate.GateSettings.alpha if alpha is None else alpha
+    settings = gate.GateSettings(level, metric, allowed, strict, lenient)
     befores = [refuse_edited(read_run(path)) for path in baseline]
     afters = [refuse_edited(read_run(path)) for path in candidates]
     if policy is not None:
@@ -150,7 +144,21 @@ def regress(
         write_file(junit, gate_report.gate_junit(result))
     if summary is not None:
         _append_summary(summary, gate_report.gate_markdown(result))
-    _end_as(result)
+    if result.exit_code:
+        raise typer.Exit(result.exit_code)
+    if result.decision.is_open and lenient:
+        note(f"warning: {result.decision.value} to decide; --lenient lets it pass", "bold yellow")
+
+
+def _refuse_contradictions(
+    policy: str | None, baselines: list[Path], candidates: list[Path], *, is_played: bool
+) -> None:
+    if (policy is None) == (not candidates):
+        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
+    if policy is not None and len(baselines) > 1:
+        raise UsageError("POLICY is one training: evaluate several, and give them by --candidate")
+    if candidates and is_played:
+        raise UsageError("--output, --resume, --fresh and options of playing need a POLICY")
 
 
 def _play(
@@ -177,45 +185,27 @@ def _play(
         raise UsageError(f"{directory} holds the baseline; choose another --output")
     with episode_progress() as callbacks, opening as engine, lock_directory(directory):
         opened = execution.open_run(header, directory, resume=resume, fresh=fresh)
-        if isinstance(opened, Run):
-            _refuse_unknown_code(refuse_edited(opened).header.policy, directory)
+        if isinstance(opened, Run) and not refuse_edited(opened).header.policy.is_code_known:
+            raise UsageError(
+                f"{directory} holds a finished run of {header.policy.name}, whose code can be "
+                "another one now: it has no digest.\n"
+                "Give --fresh in place of --resume to play it again"
+            )
         run = execution.play_run(setup, opened, engine, callbacks)
         with execution.resumable(directory):
             write_views(run, directory)
     return run
 
 
-def _end_as(result: "GateResult") -> None:
-    if result.exit_code:
-        raise typer.Exit(result.exit_code)
-    if result.decision.is_open and result.settings.lenient:
-        note(f"warning: {result.decision.value} to decide; --lenient lets it pass", "bold yellow")
-
-
 def _append_summary(file: Path, text: str) -> None:
+    """Append to a file; one that GitHub's variable names decides nothing if it cannot be written.
+
+    Raises:
+        RunDirectoryError: the user named the file, and it cannot be written.
+    """
     try:
         append_bytes(file, text.encode())
     except RunDirectoryError as error:
         if str(file) != os.environ.get(GITHUB_SUMMARY):
             raise
-        note(str(error))  # nobody asked for this file: the decision counts
-
-
-def _refuse_unknown_code(policy: PolicyIdentity, directory: Path) -> None:
-    """Refuse a finished run of code that can have changed since: it has no digest."""
-    if not policy.is_code_known:
-        raise UsageError(
-            f"{directory} holds a finished run of {policy.name}, whose code can be another one "
-            "now: it has no digest.\nGive --fresh in place of --resume to play it again"
-        )
-
-
-def _refuse_contradictions(
-    policy: str | None, baselines: list[Path], candidates: list[Path], *, is_played: bool
-) -> None:
-    if (policy is None) == (not candidates):
-        raise UsageError("regress takes either POLICY or --candidate RUN beside --baseline")
-    if policy is not None and len(baselines) > 1:
-        raise UsageError("POLICY is one training: evaluate several, and give them by --candidate")
-    if candidates and is_played:
-        raise UsageError("--output, --resume, --fresh and options of playing need a POLICY")
+        note(str(error))

@@ -7,6 +7,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import note
+from minitouch_bench.cli.options import flag, option
 from minitouch_bench.errors import CHECK_FAILED, UsageError
 from minitouch_bench.files import REPLAYS, view_name
 from minitouch_bench.text import numbered
@@ -28,27 +29,20 @@ def replay(
     *,
     beside: Annotated[
         Path | None,
-        typer.Option(
-            metavar="RUN", help="Show the same episode of another run on the same time axis."
-        ),
+        option("RUN", "Show the same episode of another run on the same time axis."),
     ] = None,
     video: Annotated[
-        bool,
-        typer.Option(
-            "--video", help="Also record a video: .mp4, or .gif without the extra 'video'."
-        ),
+        bool, flag("--video", "Also record a video: .mp4, or .gif without the extra 'video'.")
     ] = False,
     csv: Annotated[
         bool,
-        typer.Option(
-            "--csv", help="Also write forces, openings, contact and action of each control step."
-        ),
+        flag("--csv", "Also write forces, openings, contact and action of each control step."),
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.html",
-            help="By default in RUN/replays/, or in reports/ for a run of a submission; the other "
+        option(
+            "FILE.html",
+            "By default in RUN/replays/, or in reports/ for a run of a submission; the other "
             "files are written beside it.",
         ),
     ] = None,

@@ -1,5 +1,6 @@
 """The command ``submit``: pack policies as a submission."""
 
+from collections.abc import Collection, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +9,7 @@ import typer
 
 from minitouch_bench.cli import options
 from minitouch_bench.cli.console import episode_progress, note
-from minitouch_bench.cli.options import output_option
+from minitouch_bench.cli.options import option, output_option
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSIONS
@@ -17,7 +18,7 @@ from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.text import printable
 
-about_option = partial(typer.Option, rich_help_panel="What the leaderboard shows")
+about_option = partial(option, rich_help_panel="What the leaderboard shows")
 
 
 def submit(
@@ -30,60 +31,52 @@ def submit(
         ),
     ],
     *,
-    name: Annotated[str, typer.Option(help="Name of the submission: a-z, 0-9, '.', '_', '-'.")],
+    name: Annotated[str, option("NAME", "Name of the submission: a-z, 0-9, '.', '_', '-'.")],
     exploration: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="POLICY",
-            help="Exploration policy of each training, in the order of the policies; repeat it.",
+        option(
+            "POLICY",
+            "Exploration policy of each training, in the order of the policies; repeat it.",
         ),
     ] = None,
     training_seeds: Annotated[
         str | None,
-        about_option(
-            metavar="N,N", help="Seed of each training, in their order; by default 0, 1, …."
-        ),
+        about_option("N,N", "Seed of each training, in their order; by default 0, 1, …."),
     ] = None,
     training_steps: Annotated[
         int | None,
         about_option(
-            metavar="N",
-            min=0,
-            help="Control steps of a whole training, all phases and tasks; 0 if none.",
+            "N", "Control steps of a whole training, all phases and tasks; 0 if none.", min=0
         ),
     ] = None,
     learner: Annotated[
         str | None,
         about_option(
-            metavar="TEXT",
-            help="What learned, so that rows of one learner can be compared, such as 'PPO, CNN'.",
+            "TEXT",
+            "What learned, so that rows of one learner can be compared, such as 'PPO, CNN'.",
         ),
     ] = None,
     method: Annotated[
         str | None,
-        about_option(
-            metavar="TEXT", help="Name of the method; by default the training's, or NAME."
-        ),
+        about_option("TEXT", "Name of the method; by default the training's, or NAME."),
     ] = None,
-    suites: Annotated[
-        str, about_option(metavar="A,B", help="Suites that it is meant for.")
-    ] = MAIN_SUITE,
+    suites: Annotated[str, about_option("A,B", "Suites that it is meant for.")] = MAIN_SUITE,
     modalities: Annotated[
         str | None,
         about_option(
-            metavar="A,B",
-            help="What the policy uses: vision, and touch or proprioception (touch without its "
+            "A,B",
+            "What the policy uses: vision, and touch or proprioception (touch without its "
             "forces); by default the training's, or vision,touch.",
         ),
     ] = None,
-    authors: Annotated[str | None, about_option(help="Names, separated by commas.")] = None,
-    paper: Annotated[str, about_option(help="An https link.")] = "",
-    code: Annotated[str, about_option(help="An https link.")] = "",
+    authors: Annotated[str | None, about_option("TEXT", "Names, separated by commas.")] = None,
+    paper: Annotated[str, about_option("URL", "An https link.")] = "",
+    code: Annotated[str, about_option("URL", "An https link.")] = "",
     license_: Annotated[
-        str, about_option("--license", help="SPDX expression, such as Apache-2.0.")
+        str, about_option("TEXT", "SPDX expression, such as Apache-2.0.", "--license")
     ] = "",
-    notes: Annotated[str, about_option(help="Anything else, on one line.")] = "",
-    directory: Annotated[Path, output_option(help="Directory of all submissions.")] = SUBMISSIONS,
+    notes: Annotated[str, about_option("TEXT", "Anything else, on one line.")] = "",
+    directory: Annotated[Path, output_option("DIR", "Directory of all submissions.")] = SUBMISSIONS,
     workers: options.Workers = AUTO,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
 ) -> None:
@@ -94,50 +87,43 @@ def submit(
     """
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.json_io import take_table
-    from minitouch_bench.leaderboard import packing
-    from minitouch_bench.leaderboard.submission import (
-        MODALITIES,
-        SUITES,
-        Submission,
-        equal_checkpoints,
-    )
+    from minitouch_bench.leaderboard import packing, submission
 
     isolated = isolation_options(isolation, trust=False)
-    for option, listed, known in (
-        ("--suites", words(suites), SUITES),
-        ("--modalities", words(modalities), MODALITIES),
-    ):
-        if unknown := [word for word in listed if word not in known]:
-            raise UsageError(f"{option} has {', '.join(known)}, not '{printable(unknown[0])}'")
-    told: dict[str, Any] = {"method": name, "learner": "", "modalities": ("vision", "touch")}
+    for_suites, senses = words(suites), words(modalities)
+    _refuse_unknown("--suites", for_suites, submission.SUITES)
+    _refuse_unknown("--modalities", senses, submission.MODALITIES)
+    about: dict[str, Any] = {"method": name, "modalities": ("vision", "touch")}
     if all(map(packing.is_training, policies)):
         if exploration or training_seeds:
             raise UsageError("a training directory has its seed and its exploration policy itself")
         trainings, of_trainings = packing.pack_trainings(policies)
-        told |= of_trainings
+        about |= of_trainings
     else:
         seeds = whole_numbers("--training-seeds", training_seeds)
         trainings = packing.pack_policies(policies, exploration or [], seeds)
         if not any(one.training.checkpoints for one in trainings):  # a built-in policy
-            told |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
-    given = {
-        "method": method,
-        "learner": learner,
-        "training_steps": training_steps,
-        "modalities": words(modalities) or None,
-    }
-    told |= {key: value for key, value in given.items() if value is not None}
-    if "training_steps" not in told:
+            about |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
+    given = {"method": method, "learner": learner, "training_steps": training_steps}
+    about |= {key: value for key, value in given.items() if value is not None}
+    if "training_steps" not in about:
         raise UsageError("--training-steps is missing: control steps of a training, 0 if none")
-    told |= {"name": name, "suites": words(suites), "authors": words(authors)}
-    told |= {"paper": paper, "code": code, "license": license_, "notes": notes}
-    told["trainings"] = [one.training for one in trainings]
-    submission = take_table(told, Submission)
+    about |= {"modalities": senses} if senses else {}
+    about |= {"name": name, "suites": for_suites, "authors": words(authors), "paper": paper}
+    about |= {"code": code, "license": license_, "notes": notes}
+    about["trainings"] = [one.training for one in trainings]
+    packed = take_table(about, submission.Submission)
     with episode_progress() as callbacks, open_engine("local", workers) as engine:
         place = packing.pack_submission(
-            submission, trainings, directory, engine, callbacks, isolation=isolated
+            packed, trainings, directory, engine, callbacks, isolation=isolated
         )
-    for sentence in equal_checkpoints(directory, submission):
+    for sentence in submission.equal_checkpoints(directory, packed):
         note(sentence)
     print(place)
     note(f"next: minitouch-bench leaderboard play {name}, then minitouch-bench leaderboard build")
+
+
+def _refuse_unknown(option_name: str, given: Iterable[str], known: Collection[str]) -> None:
+    for word in given:
+        if word not in known:
+            raise UsageError(f"{option_name} has {', '.join(known)}, not '{printable(word)}'")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SHOWN_PROBLEMS = 10
 """Differences that are listed; the others are counted."""
 
-rerun_option = partial(typer.Option, rich_help_panel="Running again")
+rerun_option = partial(options.option, rich_help_panel="Running again")
 
 
 def verify(
@@ -34,17 +34,14 @@ def verify(
     *,
     rerun: Annotated[
         int,
-        rerun_option(
-            metavar="N",
-            min=0,
-            help="Also run N sampled episodes of each policy with its checkpoint.",
-        ),
+        rerun_option("N", "Also run N sampled episodes of each policy with its checkpoint.", min=0),
     ] = 0,
     policy: Annotated[
-        str | None, rerun_option(help="Where the checkpoint is now; by default the recorded place.")
+        str | None,
+        rerun_option("POLICY", "Where the checkpoint is now; by default the recorded place."),
     ] = None,
     exploration: Annotated[
-        str | None, rerun_option(help="Where the exploration checkpoint is now.")
+        str | None, rerun_option("POLICY", "Where the exploration checkpoint is now.")
     ] = None,
     workers: options.Workers = AUTO,
     engine: options.EngineName = "local",
