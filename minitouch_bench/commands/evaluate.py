@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
-from minitouch_bench.cli.options import episodes_option, output_flag, output_option
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import episodes_option, output_flag, output_option
+from minitouch_bench.console import data_console, note
 from minitouch_bench.errors import PolicyFaultError
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
@@ -28,57 +28,35 @@ def evaluate(
         str | None, episodes_option("A,B", "Only these tasks of the suite; unofficial.")
     ] = None,
     exploration: Annotated[
-        str | None,
-        episodes_option("POLICY", "The policy at the end of the exploration phase."),
+        str | None, episodes_option("POLICY", "The policy at the end of the exploration phase.")
     ] = None,
     episodes: Annotated[
         int | None,
         episodes_option(
-            "N",
-            "Episodes per task; another number makes the run unofficial.",
-            min=1,
-            max=MAX_EPISODES,
+            "N", "Episodes per task; another number is unofficial.", min=1, max=MAX_EPISODES
         ),
     ] = None,
     episodes_from: Annotated[
         list[str] | None,
-        episodes_option(
-            "TASK/N,N",
-            "Only these episodes, as in pushing/3,17; repeat it for several tasks; unofficial.",
-        ),
+        episodes_option("TASK/N,N", "Only these, as pushing/3,17; may be repeated; unofficial."),
     ] = None,
     seed: Annotated[
         int | None, episodes_option("N", "Seed in place of the suite's; unofficial.", min=0)
     ] = None,
     objects: Annotated[
-        str | None,
-        episodes_option(
-            "SET",
-            "Objects in place of the tasks' own, in turn: the folder of a shape set, or "
-            "cube, train, held-out or all; unofficial.",
-        ),
+        str | None, episodes_option("SET", f"{options.OBJECTS}; unofficial.")
     ] = None,
     without: Annotated[str | None, episodes_option("A,B", FROZEN_SENSES)] = None,
     perturb: Annotated[str | None, episodes_option("A=X,B=X:Y", CONDITIONS)] = None,
     output: Annotated[
         Path | None,
-        output_option(
-            "DIR",
-            "Directory of the run; by default reports/POLICY-SUITE and what differs from the "
-            "suite, as in reports/hac-table4-pick-up-10-episodes. Where a policy of another format "
-            "has this directory, its name has the format, as in reports/hac-onnx-table4.",
-        ),
+        output_option("DIR", "By default reports/POLICY-SUITE and what differs from the suite."),
     ] = None,
     video: Annotated[
         int, output_option("N", "Record videos of the first N episodes of each task.", min=0)
     ] = 0,
     replays: Annotated[
-        int,
-        output_option(
-            "N",
-            "Write the viewers of N episodes of each task into replays/, failures first.",
-            min=0,
-        ),
+        int, output_option("N", "Write viewers of N episodes of each task, failures first.", min=0)
     ] = 0,
     resume: options.Resume = False,
     fresh: options.Fresh = False,
@@ -95,7 +73,7 @@ def evaluate(
     episode_timeout: options.EpisodeTimeout = USUAL_LIMITS.episode_timeout_s,
 ) -> None:
     """Run a policy through a suite and write its Table-4 report."""
-    arguments = locals()  # the options are named as the arguments of ``api.evaluate``
+    arguments = dict(locals())  # the options are named as the arguments of ``api.evaluate``
     from minitouch_bench import api
     from minitouch_bench.reporting.report import build_report, show_report
     from minitouch_bench.runs.run import run_json

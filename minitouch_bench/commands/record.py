@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import episode_progress, note
-from minitouch_bench.cli.options import option
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import option
+from minitouch_bench.console import episode_progress, note
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.policies.policy import Isolation, isolation_options

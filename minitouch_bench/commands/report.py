@@ -5,9 +5,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
-from minitouch_bench.cli.options import flag, option
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import flag, option
+from minitouch_bench.console import data_console, note
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import REPORTS, holds_run, list_videos
 from minitouch_bench.json_io import words
@@ -24,11 +24,7 @@ def report(
     *,
     output: Annotated[
         Path | None,
-        option(
-            "DIR",
-            "Directory of report.html; by default the run's, one in reports/ for a run of a "
-            "submission, reports/comparison/NAMES for several runs.",
-        ),
+        option("DIR", "By default the run's; for several, or a submission's, one in reports/."),
     ] = None,
     names: Annotated[str | None, option("A,B", "Names of the runs.")] = None,
     tasks: Annotated[str | None, option("A,B", "Only these tasks.")] = None,

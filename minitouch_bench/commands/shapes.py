@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from minitouch_bench.cli.console import count_progress, note
-from minitouch_bench.cli.options import Command, flag, make_group, option
+from minitouch_bench.commands.options import Command, argument, flag, make_group, option
+from minitouch_bench.console import count_progress, note
 from minitouch_bench.errors import UsageError
 from minitouch_bench.text import numbered, printable
 
@@ -66,27 +66,17 @@ def preview(folder: Folder, output: Output) -> None:
 @app.command("import", cls=Command)
 def import_objects(  # noqa: PLR0917 - each parameter is an option of the command
     sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SOURCE",
-            help="OBJ, STL, GLB or URDF files, or folders of them.",
-            show_default=False,
-        ),
+        list[Path], argument("SOURCE", "OBJ, STL, GLB or URDF files, or folders of them.")
     ],
     output: Output,
     scale: Annotated[
         list[str] | None,
-        option(
-            "[FILE=]X",
-            "Meters in one unit of the files, by default 1, or of the file named; may be repeated.",
-        ),
+        option("[FILE=]X", "Meters in a unit of the files, or of this one; may be repeated."),
     ] = None,
     fit: Annotated[bool, flag("--fit", "Give each object a size the hand can grip.")] = False,
     density: Annotated[
         float | None,
-        option(
-            "X", "Density in kg/m3; by default near 1000, for a mass of 1.2 to 3.5 kg.", min=1.0
-        ),
+        option("X", "In kg/m3; by default near 1000, for a mass of 1.2 to 3.5 kg.", min=1.0),
     ] = None,
     fresh: Annotated[bool, flag("--fresh", "Replace the imported set in the folder.")] = False,
     workers: Workers = 1,
@@ -114,7 +104,7 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
         note("each weighs 1.2 to 3.5 kg, as fingers feel it; --density gives another weight")
     if result.accepted:
         print(f"set in {output}, digest {result.digest}")
-    if result.refused or not result.accepted:
+    if result.refused:
         raise typer.Exit(1)
 
 

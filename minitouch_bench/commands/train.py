@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 from minitouch_bench.agents import METHODS
-from minitouch_bench.cli import options
-from minitouch_bench.cli.options import flag, option
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import flag, option
 from minitouch_bench.perturbation import SENSES
 
 CHOICE = f"{', '.join(METHODS)}, or package.module:Class of your own; by default hac."
@@ -26,20 +26,12 @@ def train(
         int | None, option("N", "Control steps on the task's reward afterwards.", min=0)
     ] = None,
     objects: Annotated[
-        str | None,
-        option(
-            "SET",
-            "cube, shapes (train, held-out, all) or the folder of a shape set; by default the "
-            "task's. A policy that was trained on held-out shapes cannot "
-            "show generalization on novel-shapes.",
-        ),
+        str | None, option("SET", f"{options.OBJECTS}; by default the task's.")
     ] = None,
     without: Annotated[str | None, option("A,B", LACKING)] = None,
     task_without: Annotated[
         str | None,
-        option(
-            "A,B", "The same for the task phase alone: the exploration policy keeps these senses."
-        ),
+        option("A,B", "The same for the task phase alone: exploration keeps these senses."),
     ] = None,
     from_log: Annotated[
         Path | None,
@@ -63,7 +55,7 @@ def train(
     ] = False,
 ) -> None:
     """Train a learner in two phases: curiosity alone, then the task."""
-    arguments = locals()  # the options are named as the arguments of ``api.train``
+    arguments = dict(locals())  # the options are named as the arguments of ``api.train``
     from minitouch_bench import api
 
     print(api.train(**arguments, progress=True))

@@ -19,3 +19,23 @@ def test_tasks_and_suites_can_be_read_by_a_program(tmp_path):
     smoke = next(suite for suite in document["suites"] if suite["name"] == "smoke")
     assert smoke["episodes_per_task"] == 5
     assert set(smoke["tasks"]) <= set(TASK_NAMES)
+
+
+def test_the_doctor_finds_this_machine_sound(tmp_path):
+    done = run("doctor", "--json", "--workers", 2, directory=tmp_path)
+    assert done.code == 0, done.out + done.err
+    result = json.loads(done.out)
+    verdicts = {check["name"]: check["verdict"] for check in result["checks"]}
+    assert result["healthy"] is True
+    assert {verdicts[name] for name in ("isolation", "policy repeats", "order and workers")} == {
+        "ok"
+    }
+
+
+def test_the_doctor_names_what_is_wrong(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("no directory")
+    monkeypatch.setenv("MINITOUCH_CACHE", str(tmp_path / "cache"))
+    done = run("doctor", directory=tmp_path)
+    assert done.code == 1
+    assert "cannot be written" in " ".join(done.out.split())
+    assert "Not to be trusted yet: cache" in done.out

@@ -95,6 +95,11 @@ def seconds_of(text: str) -> float:
     return float(text[:-1]) * SECONDS[text[-1]]
 
 
+def argument(metavar: str, meaning: str) -> Any:
+    """Return an argument as the help shows it."""
+    return typer.Argument(metavar=metavar, help=meaning)
+
+
 def option(metavar: str, meaning: str, *names: str, **more: Any) -> Any:
     """Return an option as its help shows it: what stands for the value, and what it means.
 
@@ -121,14 +126,13 @@ POLICIES = (
     "file per task or a LeRobot checkpoint, package.module:attribute, http://..., or "
     "hf://USER/REPO/FILE@REVISION"
 )
+OBJECTS = "cube, shapes (train, held-out or all), or the folder of a shape set"
 ENGINE_PLACES = "; ".join(f"{name}: {where}" for name, where in ENGINES.items()) + "."
 
-PolicyArgument = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
-RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
-RunsArgument = Annotated[
-    list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")
-]
-TaskArgument = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
+PolicyArgument = Annotated[str, argument("POLICY", POLICIES)]
+RunDirectory = Annotated[Path, argument("RUN", "Directory of a finished run.")]
+RunsArgument = Annotated[list[Path], argument("RUN", "Directories of finished runs.")]
+TaskArgument = Annotated[str, argument("TASK", ", ".join(TASK_NAMES))]
 Workers = Annotated[str, engine_option("N|auto", "Worker processes; auto: one per core.")]
 EngineName = Annotated[str, engine_option("|".join(ENGINES), ENGINE_PLACES)]
 Address = Annotated[
