@@ -33,10 +33,6 @@ DOORS = {"__init__": {"protocol", "errors", "api"}, "__main__": {"errors", "comm
 SIMULATOR_FILE = "simulation/client.py"
 
 
-def modules():
-    return {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
-
-
 def imported_names(path, *, at_top=False):
     """Return every imported module, at the top or also inside functions, in full."""
     found = set()
@@ -51,7 +47,7 @@ def imported_names(path, *, at_top=False):
     return found
 
 
-MODULES = modules()
+MODULES = {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
 BY_STRING = {"__init__.py", "machine.py"}
 """Public names are imported when they are used; packages that evaluation does not need, too."""
 

@@ -70,24 +70,20 @@ def test_actions_are_known_ones_pinned_to_one_commit_each():
             assert pins.setdefault(*action.groups()) == action[2], file.name
 
 
-@pytest.fixture
-def released(monkeypatch, tmp_path):
-    """Return what ``check_version.py`` says of a tag, by default the version's, and an account."""
+def test_a_release_needs_the_version_s_tag_and_the_account_that_publishes(
+    monkeypatch, tmp_path, capsys
+):
     text = (ROOT / "pyproject.toml").read_text()
     version = re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
 
-    def run(tag=f"v{version}", account="someone"):
+    monkeypatch.setattr(check_version, "ROOT", tmp_path)
+    for tag, account, code in (
+        (f"v{version}", "someone", 0),
+        ("v99.0.0", "someone", 1),
+        (f"v{version}", "OWNER", 1),
+    ):
         placed = re.sub(r"(Repository = .*github.com/)[^/]+", rf"\g<1>{account}", text)
         (tmp_path / "pyproject.toml").write_text(placed)
-        monkeypatch.setattr(check_version, "ROOT", tmp_path)
         monkeypatch.setattr(check_version.sys, "argv", ["check_version.py", tag])
-        return check_version.main()
-
-    return run
-
-
-def test_a_release_needs_the_version_s_tag_and_the_account_that_publishes(released, capsys):
-    assert released() == 0
-    assert released(tag="v99.0.0") == 1
-    assert released(account="OWNER") == 1
+        assert check_version.main() == code
     assert "OWNER is not set" in capsys.readouterr().err
