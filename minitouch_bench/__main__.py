@@ -39,7 +39,6 @@ def main() -> None:
     output, notes = _Output(1), _Output(2)
     sys.stdout, sys.stderr = _text(output), _text(notes)
     code: object = 0
-    interrupted = False
     try:
         # Not at the top: loading takes a second in which Ctrl-C must be caught as well.
         from minitouch_bench.commands.app import main as run_application  # noqa: PLC0415
@@ -51,12 +50,10 @@ def main() -> None:
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:
-        interrupted = True
-    for number in STOPS:  # one more ends it without a traceback
-        signal.signal(number, signal.SIG_DFL)
-    if interrupted:
         sys.stderr.write("minitouch-bench: interrupted\n")
         code = InterruptedRunError.exit_code
+    for number in STOPS:  # one more ends it without a traceback
+        signal.signal(number, signal.SIG_DFL)
     sys.stdout.flush()
     if output.failure is not None and output.failure.errno != errno.EPIPE:
         why = output.failure.strerror

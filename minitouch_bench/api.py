@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from minitouch_bench import files
-from minitouch_bench.cli.console import episode_progress, is_watched, training_progress
 from minitouch_bench.comparison.comparison import (
     Comparison,
     compare_runs,
@@ -23,6 +22,7 @@ from minitouch_bench.comparison.methods import (
     methods_json,
     methods_markdown,
 )
+from minitouch_bench.console import episode_progress, is_watched, training_progress
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
 from minitouch_bench.evaluation.execution import (

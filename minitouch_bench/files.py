@@ -305,11 +305,10 @@ def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) ->
     """
     with os.fdopen(open_plain(path, os.O_RDONLY, follow=follow), "rb") as file:
         size = os.fstat(file.fileno()).st_size
-        content = b"" if size > limit else file.read(size + 1)
-    if size > limit or len(content) > limit:
-        most = f"{limit // MIB} MiB" if limit >= MIB else f"{limit // KIB} KiB"
-        raise OSError(errno.EFBIG, f"it is larger than {most}")
-    return content
+        if size > limit:
+            most = f"{limit // MIB} MiB" if limit >= MIB else f"{limit // KIB} KiB"
+            raise OSError(errno.EFBIG, f"it is larger than {most}")
+        return file.read(size)
 
 
 def unpack(packed: bytes) -> bytes:

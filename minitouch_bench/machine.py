@@ -20,7 +20,6 @@ from minitouch_bench.errors import MissingExtraError, PolicyLoadError
 CPUINFO = Path("/proc/cpuinfo")
 """What Linux says of each processor, in lines of "name : value"."""
 
-
 CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
 """The versions that a clone was set up with; an installed package has no such file."""
 
@@ -79,8 +78,7 @@ def require(module: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        needed = extras().get(extra, [f"minitouch-bench[{extra}]"])
-        wanted = " ".join(f"'{requirement}'" for requirement in needed)
+        wanted = " ".join(f"'{requirement}'" for requirement in extras()[extra])
         place = OWN_ENVIRONMENT.get(extra, "")
         # Otherwise pip takes versions that do not fit the clone's others.
         if CONSTRAINTS.exists() and not place:
@@ -120,12 +118,8 @@ def compare_versions(there: Mapping[str, str], here: Mapping[str, str]) -> str:
 
 def extras() -> dict[str, list[str]]:
     """Return the requirements of each extra; they work wherever this package came from."""
-    try:
-        lines = requires("minitouch-bench") or ()
-    except PackageNotFoundError:  # a checkout that is not installed
-        lines = ()
     requirements: dict[str, list[str]] = {}
-    for line in lines:
+    for line in requires("minitouch-bench") or ():
         requirement, _, extra = line.partition("; extra == ")
         if extra:
             requirements.setdefault(extra.strip('"'), []).append(requirement)

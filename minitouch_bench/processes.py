@@ -228,14 +228,13 @@ class _Worker(Generic[Job, Result]):
                     pass_fds=(theirs.fileno(),),
                     env={**os.environ, **ARITHMETIC},
                 )
-            self.sentinel = watch(self.process.pid)
         except (OSError, RuntimeError) as error:  # too many files or threads, or no memory
             raise InfrastructureError(f"no worker can be started: {error}") from error
         self.send(sys.path)
         self.send(cloudpickle.dumps(function))
 
     def send(self, message: object) -> None:
-        """Hand over a job; a worker that has died is found by its sentinel."""
+        """Hand over a job; a worker that has died is found by the end of its pipe."""
         with contextlib.suppress(OSError):
             self.connection.send(message)
 
@@ -250,7 +249,6 @@ class _Worker(Generic[Job, Result]):
         self.connection.close()
         self.process.kill()
         self._wait()
-        os.close(self.sentinel)
 
     def _wait(self) -> int | None:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -259,10 +257,13 @@ class _Worker(Generic[Job, Result]):
 
 
 def _ready(pool: Sequence[_Worker[Job, Result]]) -> list[_Worker[Job, Result]]:
-    """Wait until some busy workers have an answer or have died, and return them."""
+    """Wait until some busy workers have an answer or have died, and return them.
+
+    The pipe of a worker that has died is at its end: no other process has the worker's side.
+    """
     busy = [worker for worker in pool if worker.task]
-    ready = wait([handle for w in busy for handle in (w.connection, w.sentinel)])
-    return [w for w in busy if w.connection in ready or w.sentinel in ready]
+    ready = wait([worker.connection for worker in busy])
+    return [worker for worker in busy if worker.connection in ready]
 
 
 def serve_jobs(connection: Connection, parent: int) -> None:

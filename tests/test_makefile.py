@@ -42,10 +42,9 @@ def write(path, text):
 def run_make(clone, *arguments, code=0, **variables):
     # Under "make test" this make would count as a nested one, and say so.
     env = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
-    done = subprocess.run(
-        [shutil.which("make"), *arguments], check=False, cwd=clone, capture_output=True, text=True,
-        env={**env, **variables},
-    )  # fmt: skip
+    command = [shutil.which("make"), *arguments]
+    env |= variables
+    done = subprocess.run(command, check=False, cwd=clone, capture_output=True, text=True, env=env)
     assert done.returncode == code, done.stdout + done.stderr
     return done
 

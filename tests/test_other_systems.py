@@ -1,10 +1,10 @@
 """A system without what only Linux has, such as macOS; simulated, because none is at hand."""
 
-import json
 from functools import partial
 
 import pytest
 
+from minitouch_bench.runs.run import read_run
 from tests.process_tree import run_python
 
 WITHOUT = """
@@ -46,12 +46,10 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
     episodes = ("evaluate", "random", "--tasks", "pushing", "--episodes", "2", "--workers", "2")
     elsewhere(*episodes, "--isolation", "process", "--output", "run")
     run_python("-m", "minitouch_bench", *episodes, "--output", "here", cwd=tmp_path)
-    found = json.loads((tmp_path / "work" / "run" / "run.json").read_text())
-    expected = json.loads((tmp_path / "here" / "run.json").read_text())
-    assert found["digest"] == expected["digest"]
-    assert found["header"]["official"] is False
-    assert found["header"]["isolation"] == "process"
-    assert "isolation: process" in found["header"]["unofficial_because"]
+    found, expected = (read_run(tmp_path / place) for place in ("work/run", "here"))
+    assert found.digest == expected.digest
+    assert not found.header.official
+    assert "isolation: process" in found.header.unofficial_because
 
 
 def test_everything_is_imported():

@@ -1,6 +1,5 @@
 """What a stranger installs: one wheel, built from the sdist, in an empty environment."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -9,10 +8,10 @@ import tarfile
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.altered import ROOT
+from tests.commands.command import same_results
 from tests.process_tree import run_python
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
@@ -68,13 +67,9 @@ def command(installed, tmp_path_factory):
         environment[variable] = str(folder / name)
 
     def run(*arguments):
+        words = [installed / "bin" / "minitouch-bench", *arguments]
         done = subprocess.run(
-            [installed / "bin" / "minitouch-bench", *arguments],
-            cwd=place,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
+            words, cwd=place, env=environment, capture_output=True, text=True, check=False
         )
         return done, place
 
@@ -96,15 +91,12 @@ def test_sdist_and_wheel_hold_shapes_and_pictures(built):
     assert not any(name.startswith("tests") for name in in_sdist)
 
 
-def test_only_what_evaluation_needs_is_installed(installed):
+def test_what_is_installed_is_what_evaluation_needs_and_the_doctor_finds_no_fault(
+    installed, command
+):
     code = f"import importlib.util as u; print([n for n in {NOT_INSTALLED} if u.find_spec(n)])"
-    done = subprocess.run(
-        [installed / "bin" / "python", "-c", code], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
-
-
-def test_doctor_finds_no_fault(command):
+    python = installed / "bin" / "python"
+    assert subprocess.check_output([python, "-c", code], text=True) == "[]\n"
     done, _ = command("doctor")
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -115,13 +107,5 @@ def test_the_smoke_suite_has_the_digests_of_the_clone(command, policy, tmp_path)
     done, place = command(*smoke, "--output", policy)
     assert done.returncode == 0, done.stderr
     run_python("-m", "minitouch_bench", *smoke, "--output", policy, cwd=tmp_path)
-    documents = [json.loads((at / policy / "run.json").read_text()) for at in (place, tmp_path)]
-    assert documents[0]["digest"] == documents[1]["digest"]
-    assert documents[0]["episodes"] == documents[1]["episodes"]
-    with (
-        np.load(place / policy / "actions.npz") as theirs,
-        np.load(tmp_path / policy / "actions.npz") as ours,
-    ):
-        assert theirs.files == ours.files
-        assert all(theirs[name].tobytes() == ours[name].tobytes() for name in ours.files)
+    same_results(place / policy, tmp_path / policy)
     assert "data:image/png" in (place / policy / "report.html").read_text()

@@ -1,29 +1,24 @@
 """The application ``minitouch-bench`` and how its errors reach a user."""
 
 import os
-import re
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Annotated
 
 import typer
 
-from minitouch_bench.cli.console import note
-from minitouch_bench.cli.options import Command, make_group
-from minitouch_bench.commands.compare import compare
-from minitouch_bench.commands.doctor import doctor
+from minitouch_bench.commands.compare import compare, regress
 from minitouch_bench.commands.evaluate import evaluate
+from minitouch_bench.commands.facts import doctor, tasks
 from minitouch_bench.commands.leaderboard import app as leaderboard
+from minitouch_bench.commands.leaderboard import submit
+from minitouch_bench.commands.options import Command, make_group
 from minitouch_bench.commands.record import record
-from minitouch_bench.commands.regress import regress
-from minitouch_bench.commands.replay import replay
 from minitouch_bench.commands.report import report
 from minitouch_bench.commands.shapes import app as shapes
-from minitouch_bench.commands.submit import submit
-from minitouch_bench.commands.tasks import tasks
 from minitouch_bench.commands.train import train
-from minitouch_bench.commands.verify import verify
+from minitouch_bench.commands.verify import replay, verify
+from minitouch_bench.console import note
 from minitouch_bench.errors import (
     InterruptedRunError,
     MiniTouchError,
@@ -93,8 +88,6 @@ def main() -> None:
         command = context.command_path if context else PROGRAM
         _complain(f"{error.format_message()}\nSee {command} --help")
         sys.exit(error.exit_code)
-    except typer.Abort:  # Ctrl-C or Ctrl-D where a command asks
-        code = InterruptedRunError.exit_code
     except OSError as error:  # such as a name that is too long, or a directory without permission
         if error.filename is None:
             raise
@@ -112,10 +105,7 @@ def _check_encoding() -> None:
     Raises:
         UsageError: one has bytes that are not UTF-8, as the name of a file can have.
     """
-    names = sys.argv[1:]
-    with suppress(FileNotFoundError):  # the working directory was removed
-        names.append(os.getcwd())
-    for name in names:
+    for name in (*sys.argv[1:], os.getcwd()):
         try:
             name.encode()
         except UnicodeEncodeError as error:
@@ -124,8 +114,9 @@ def _check_encoding() -> None:
 
 def _with_home(argument: str) -> str:
     """Replace the ``~`` of an argument, in ``--option=~/path`` as well, where no shell does it."""
-    option = re.match("(--[a-z-]+=)?", argument)[0]  # type: ignore[index]
-    return option + os.path.expanduser(argument.removeprefix(option))
+    is_option = argument.startswith("--")
+    option, equals, path = argument.partition("=") if is_option else ("", "", argument)
+    return f"{option}{equals}{os.path.expanduser(path)}"
 
 
 def _complain(text: str) -> None:

@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import episode_progress, note
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import option
+from minitouch_bench.console import episode_progress, note
 from minitouch_bench.errors import PolicyFaultError, UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.policies.policy import Isolation, isolation_options
@@ -20,17 +21,13 @@ def record(
     policy: options.PolicyArgument,
     task: options.TaskArgument,
     *,
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Directory of the dataset; it must not exist.")
-    ],
+    output: Annotated[Path, option("DIR", "Directory of the dataset; it must not exist.")],
     episodes: Annotated[
-        int,
-        typer.Option(metavar="N", min=1, max=MAX_EPISODES, help="Number of episodes to record."),
+        int, option("N", "Number of episodes to record.", min=1, max=MAX_EPISODES)
     ] = 100,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the episodes.")] = 0,
+    seed: Annotated[int, option("N", "Seed of the episodes.", min=0)] = 0,
     dataset_format: Annotated[
-        Literal["minari", "lerobot"],
-        typer.Option("--format", metavar="minari|lerobot", help="Whose format it has."),
+        Literal["minari", "lerobot"], option("minari|lerobot", "Whose format it has.", "--format")
     ] = "minari",
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
     trust: options.Trust = False,

@@ -5,10 +5,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, note
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import flag, option
+from minitouch_bench.console import data_console, note
 from minitouch_bench.errors import RunDirectoryError, UsageError
 from minitouch_bench.files import REPORTS, holds_run, list_videos
 from minitouch_bench.json_io import words
@@ -25,42 +24,26 @@ def report(
     *,
     output: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Directory of report.html; by default the run's, one in reports/ for a run of a "
-            "submission, reports/comparison/NAMES for several runs.",
-        ),
+        option("DIR", "By default the run's; for several, or a submission's, one in reports/."),
     ] = None,
-    names: Annotated[str | None, typer.Option(metavar="A,B", help="Names of the runs.")] = None,
-    tasks: Annotated[str | None, typer.Option(metavar="A,B", help="Only these tasks.")] = None,
+    names: Annotated[str | None, option("A,B", "Names of the runs.")] = None,
+    tasks: Annotated[str | None, option("A,B", "Only these tasks.")] = None,
     metrics: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="The rows of Table 4: see docs/reference/metrics.md."),
+        str | None, option("A,B", "The rows of Table 4: see docs/reference/metrics.md.")
     ] = None,
     diagnostics: Annotated[
         bool,
-        typer.Option(
-            "--diagnostics", help="Also print what explains Table 4: contact, force, time, endings."
-        ),
+        flag("--diagnostics", "Also print what explains Table 4: contact, force, time, endings."),
     ] = False,
     table_format: Annotated[
         Literal["md", "latex", "csv", "json"] | None,
-        typer.Option(
-            "--format",
-            metavar="md|latex|csv|json",
-            help="Print Table 4 in this format, and write no page.",
-        ),
+        option("md|latex|csv|json", "Print Table 4 in this format, and write no page.", "--format"),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Also draw the runs' intervals, grouped by task: .svg, .pdf or .png.",
-        ),
+        option("FILE", "Also draw the runs' intervals, grouped by task: .svg, .pdf or .png."),
     ] = None,
-    no_paper: Annotated[
-        bool, typer.Option("--no-paper", help="Leave out the paper's values.")
-    ] = False,
+    no_paper: Annotated[bool, flag("--no-paper", "Leave out the paper's values.")] = False,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
     from minitouch_bench.reporting import figures

@@ -5,23 +5,23 @@ from typing import Annotated, Literal
 
 import typer
 
-from minitouch_bench.cli.console import count_progress, note
-from minitouch_bench.cli.options import Command, make_group
+from minitouch_bench.commands.options import Command, argument, flag, make_group, option
+from minitouch_bench.console import count_progress, note
 from minitouch_bench.errors import UsageError
 from minitouch_bench.text import numbered, printable
 
 app = make_group(help="Make, check, view and exchange sets of shapes.")
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a shape set.", show_default=False)]
-Output = Annotated[Path, typer.Option("--output", help="Folder to write.")]
-Workers = Annotated[int, typer.Option(min=1, help="Worker processes; the result is the same.")]
+Output = Annotated[Path, option("DIR", "Folder to write.", "--output")]
+Workers = Annotated[int, option("N", "Worker processes; the result is the same.", min=1)]
 
 
 @app.command(cls=Command)
 def generate(
     output: Output,
-    count: Annotated[int, typer.Option(min=1, help="Number of shapes.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the set.")] = 0,
+    count: Annotated[int, option("N", "Number of shapes.", min=1)] = 1000,
+    seed: Annotated[int, option("N", "Seed of the set.", min=0)] = 0,
     workers: Workers = 1,
 ) -> None:
     """Make a set; after an interruption the same command continues it."""
@@ -36,7 +36,7 @@ def generate(
 def check(
     folder: Folder,
     workers: Workers = 1,
-    quick: Annotated[bool, typer.Option(help="Leave out the checks in the simulator.")] = False,
+    quick: Annotated[bool, flag("--quick", "Leave out the checks in the simulator.")] = False,
 ) -> None:
     """Check a set against its manifest; exit 1 with every difference."""
     from minitouch_bench.shapegen.check import check_set
@@ -66,32 +66,19 @@ def preview(folder: Folder, output: Output) -> None:
 @app.command("import", cls=Command)
 def import_objects(  # noqa: PLR0917 - each parameter is an option of the command
     sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SOURCE",
-            help="OBJ, STL, GLB or URDF files, or folders of them.",
-            show_default=False,
-        ),
+        list[Path], argument("SOURCE", "OBJ, STL, GLB or URDF files, or folders of them.")
     ],
     output: Output,
     scale: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[FILE=]X",
-            help="Meters in one unit of the files, by default 1, or of the file named; "
-            "may be repeated.",
-        ),
+        option("[FILE=]X", "Meters in a unit of the files, or of this one; may be repeated."),
     ] = None,
-    fit: Annotated[bool, typer.Option(help="Give each object a size the hand can grip.")] = False,
+    fit: Annotated[bool, flag("--fit", "Give each object a size the hand can grip.")] = False,
     density: Annotated[
         float | None,
-        typer.Option(
-            min=1.0, help="Density in kg/m3; by default near 1000, for a mass of 1.2 to 3.5 kg."
-        ),
+        option("X", "In kg/m3; by default near 1000, for a mass of 1.2 to 3.5 kg.", min=1.0),
     ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Replace the imported set in the folder.")
-    ] = False,
+    fresh: Annotated[bool, flag("--fresh", "Replace the imported set in the folder.")] = False,
     workers: Workers = 1,
 ) -> None:
     """Make a set of given objects; exit 1 with the reason of each refusal."""
@@ -117,7 +104,7 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
         note("each weighs 1.2 to 3.5 kg, as fingers feel it; --density gives another weight")
     if result.accepted:
         print(f"set in {output}, digest {result.digest}")
-    if result.refused or not result.accepted:
+    if result.refused:
         raise typer.Exit(1)
 
 
@@ -144,10 +131,9 @@ def export(
     folder: Folder,
     output: Output,
     form: Annotated[
-        Literal["urdf", "obj"],
-        typer.Option("--format", metavar="urdf|obj", help="Format of the files."),
+        Literal["urdf", "obj"], option("urdf|obj", "Format of the files.", "--format")
     ] = "urdf",
-    split: Annotated[str | None, typer.Option(help="train or held-out; by default both.")] = None,
+    split: Annotated[str | None, option("NAME", "train or held-out; by default both.")] = None,
 ) -> None:
     """Write the shapes as files for other programs."""
     from minitouch_bench.shapegen import exchange

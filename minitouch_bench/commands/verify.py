@@ -1,4 +1,4 @@
-"""The command ``verify``: replay a run, and run drawn episodes again with its checkpoint."""
+"""The commands ``verify`` and ``replay``: the recorded actions of a run are played again."""
 
 import json
 import os
@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minitouch_bench import errors
-from minitouch_bench.cli import options
-from minitouch_bench.cli.console import data_console, episode_progress, note
+from minitouch_bench.commands import options
+from minitouch_bench.commands.options import argument, flag, option
+from minitouch_bench.console import data_console, episode_progress, note
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
+from minitouch_bench.files import REPLAYS, view_name
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, isolation_options
 from minitouch_bench.text import numbered, printable
 
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
     from minitouch_bench.runs.run import Run
     from minitouch_bench.verification.replay_check import Findings
 
+VIEWER = ".html"
 SHOWN_PROBLEMS = 10
 """Differences that are listed; the others are counted."""
 
-rerun_option = partial(typer.Option, rich_help_panel="Running again")
+rerun_option = partial(options.option, rich_help_panel="Running again")
 
 
 def verify(
@@ -34,17 +37,14 @@ def verify(
     *,
     rerun: Annotated[
         int,
-        rerun_option(
-            metavar="N",
-            min=0,
-            help="Also run N sampled episodes of each policy with its checkpoint.",
-        ),
+        rerun_option("N", "Also run N sampled episodes of each policy with its checkpoint.", min=0),
     ] = 0,
     policy: Annotated[
-        str | None, rerun_option(help="Where the checkpoint is now; by default the recorded place.")
+        str | None,
+        rerun_option("POLICY", "Where the checkpoint is now; by default the recorded place."),
     ] = None,
     exploration: Annotated[
-        str | None, rerun_option(help="Where the exploration checkpoint is now.")
+        str | None, rerun_option("POLICY", "Where the exploration checkpoint is now.")
     ] = None,
     workers: options.Workers = AUTO,
     engine: options.EngineName = "local",
@@ -72,17 +72,14 @@ def verify(
         opened.plan.load_objects()  # or refuse before any progress is shown
         for spec in opened.header.specs():
             opened.actions_of(spec.key)
-        try:
-            with episode_progress() as callbacks, opening as running:
-                callbacks.phase("replaying", len(opened.header.specs()))
-                found = replay_check.replay_run(opened, running, callbacks.episode)
-                if setup is not None and found.passed:
-                    specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
-                    callbacks.phase("running again", len(specs))
-                    again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
-                    found = replace(again, replayed=found.replayed)
-        except KeyboardInterrupt as error:
-            raise errors.InterruptedRunError("interrupted; nothing was changed") from error
+        with episode_progress() as callbacks, opening as running:
+            callbacks.phase("replaying", len(opened.header.specs()))
+            found = replay_check.replay_run(opened, running, callbacks.episode)
+            if setup is not None and found.passed:
+                specs = replay_check.draw_episodes(opened, rerun, np.random.default_rng())
+                callbacks.phase("running again", len(specs))
+                again = replay_check.run_again(opened, setup, specs, running, callbacks.episode)
+                found = replace(again, replayed=found.replayed)
     if as_json:
         print(json.dumps({"passed": found.passed, **asdict(found)}, indent=1))
     else:
@@ -124,15 +121,10 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
 
     if recorded is None:
         return None
-    if is_remote(recorded.source):
+    if is_remote(recorded.source) or recorded.kind == "factory":
         raise errors.IncompleteCheckError(
-            f"the policy is at {recorded.source}, which is contacted only if you name it.\n"
-            f"If you trust that address, give it with {option}"
-        )
-    if recorded.kind == "factory":
-        raise errors.IncompleteCheckError(
-            f"the policy is the Python code {recorded.source}, which is run only if you name it.\n"
-            f"If you trust that code, give it with {option}"
+            f"the policy is {recorded.source}, which is contacted or run only if you name it.\n"
+            f"If you trust it, give it with {option}"
         )
     if recorded.digest and not os.path.exists(recorded.source):
         raise errors.IncompleteCheckError(
@@ -143,17 +135,80 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
 
 
 def _show(found: "Findings", run: Path) -> None:
-    lines = [str(problem) for problem in found.problems[:SHOWN_PROBLEMS]]
+    for problem in found.problems[:SHOWN_PROBLEMS]:
+        print(printable(str(problem)))
     if len(found.problems) > SHOWN_PROBLEMS:
-        lines.append(f"... and {len(found.problems) - SHOWN_PROBLEMS} more")
+        print(f"... and {len(found.problems) - SHOWN_PROBLEMS} more")
     if found.replayed:
-        lines.append(f"{numbered(found.replayed, 'episode')} replayed from their recorded actions")
+        print(f"{numbered(found.replayed, 'episode')} replayed from their recorded actions")
     if found.reran:
-        lines.append(f"{numbered(found.reran, 'episode')} run again with the checkpoint")
-    answer, style = f"{run} is not verified", "bold red"
+        print(f"{numbered(found.reran, 'episode')} run again with the checkpoint")
+    answer, style = "is not verified", "bold red"
     if found.passed:
-        answer = f"{run} is verified: every number follows from its episodes"
-        style = "bold green"
-    console = data_console()
-    for line, look in (*((line, "") for line in lines), (answer, style)):
-        console.print(printable(line), style=look, markup=False, highlight=False, soft_wrap=True)
+        answer, style = "is verified: every number follows from its episodes", "bold green"
+    answer = printable(f"{run} {answer}")
+    data_console().print(answer, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def replay(
+    run: options.RunDirectory,
+    episode: Annotated[
+        str, argument("EPISODE", "Its key, such as pushing/17 or exploration/pushing/17.")
+    ],
+    *,
+    beside: Annotated[
+        Path | None, option("RUN", "Show the same episode of another run on the same time axis.")
+    ] = None,
+    video: Annotated[
+        bool, flag("--video", "Also record a video: .mp4, or .gif without the extra 'video'.")
+    ] = False,
+    csv: Annotated[
+        bool, flag("--csv", "Also write forces, openings, contact and action of each control step.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        option("FILE.html", "By default in RUN/replays/; other files are written beside it."),
+    ] = None,
+) -> None:
+    """Replay a recorded episode without its policy, and write a page that shows what it felt."""
+    from minitouch_bench.reporting.report import view_directory
+    from minitouch_bench.runs.run import read_run
+    from minitouch_bench.verification import filming, replay_check, static_check
+
+    if output is not None and output.suffix != VIEWER:
+        raise errors.UsageError(f"--output is an {VIEWER} file, not '{output.name}'")
+    if beside is not None and (video or csv):
+        raise errors.UsageError("--beside writes a page alone: leave --video and --csv out")
+    opened = read_run(run)
+    static_check.refuse_unplayable(opened)
+    spec, row = opened.find(episode)
+    if output is None:
+        folder = view_directory(opened.directory or run) / REPLAYS
+        output = folder / view_name(episode, f"-beside{VIEWER}" if beside else VIEWER)
+    if beside is not None:
+        _replay_both(opened, read_run(beside), episode, output)
+        return
+    suffixes = (VIEWER, *([filming.video_suffix()] if video else ()), *([".csv"] if csv else ()))
+    files = [output.with_suffix(suffix) for suffix in suffixes]
+    played = filming.film_to_files(opened, (spec, files))
+    print(*files, sep="\n")
+    is_same = replay_check.is_as_recorded(opened, played)
+    bits = "the same bits as recorded" if is_same else "NOT the bits that were recorded"
+    ending, steps = row.outcome.replace("_", " "), len(played.trace.actions)
+    note(f"{episode}: {ending} after {numbered(steps, 'step')}; {bits}")
+    if not is_same:
+        raise typer.Exit(errors.CHECK_FAILED)
+
+
+def _replay_both(first: "Run", second: "Run", episode: str, output: Path) -> None:
+    from minitouch_bench.reporting.viewer import episode_page
+    from minitouch_bench.verification import filming
+
+    filming.refuse_other_scene(episode, first, second)
+    one, other = (filming.replay_episode(run, episode) for run in (first, second))
+    print(episode_page(one, other).save(output))
+    for played in (one, other):
+        bits = "the same bits" if played.is_as_recorded else "NOT the bits"
+        note(f"{played.run.place}: {played.ending}; {bits} as recorded")
+    if not (one.is_as_recorded and other.is_as_recorded):
+        raise typer.Exit(errors.CHECK_FAILED)

@@ -52,6 +52,13 @@ def run(*arguments: object, directory: Path) -> Finished:
     return Finished(code, out.getvalue(), err.getvalue())
 
 
+def succeed(*arguments: object, directory: Path) -> Finished:
+    """Run the command in this process, and check that it ends with 0."""
+    done = run(*arguments, directory=directory)
+    assert done.code == 0, done.out + done.err
+    return done
+
+
 def start(*arguments: object, directory: Path) -> subprocess.Popen[str]:
     """Start the installed command, leading a process group of its own."""
     return subprocess.Popen(

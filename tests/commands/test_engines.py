@@ -43,9 +43,7 @@ def test_a_ray_started_here_gives_the_same_numbers_and_leaves_nothing(scripted, 
     )  # fmt: skip
     assert done.code == 0, done.err
     same_results(tmp_path / "run", scripted[1])
-    document = json.loads(done.out)
-    assert document == json.loads((tmp_path / "run" / "run.json").read_text())
-    assert document["digest"] == json.loads((scripted[1] / "run.json").read_text())["digest"]
+    assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
     lines = done.err.splitlines()
     assert all(line.startswith(("episodes", "pushing ", "report: ")) for line in lines), done.err
 
@@ -64,8 +62,7 @@ def test_after_ctrl_c_nothing_is_left_and_the_run_goes_on_without_ray(home, tmp_
     assert "--resume" in broken.err
     wait_until(lambda: not any(map(command_line, family)), 5.0)
     assert (tmp_path / "run" / JOURNAL_FILE).exists()
-    done = run(*LONG, "--resume", directory=tmp_path)
-    assert done.code == 0
+    assert run(*LONG, "--resume", directory=tmp_path).code == 0
 
 
 @pytest.mark.slow
@@ -82,23 +79,13 @@ def test_everybody_dies_with_the_command(tmp_path):
     wait_until(lambda: not any(map(command_line, ours)), 5.0)
 
 
-def test_a_temporary_folder_that_is_too_long_for_sockets_is_named(tmp_path, monkeypatch):
+def test_what_ray_cannot_do_is_refused_and_no_directory_is_made(tmp_path, monkeypatch):
     pytest.importorskip("ray")
-    (tmp_path / ("long" * 25)).mkdir()
-    monkeypatch.setenv("TMPDIR", str(tmp_path / ("long" * 25)))
-    run("evaluate", "zero", *ONE, "--engine", "ray", directory=tmp_path).refused(5, "TMPDIR")
-
-
-def test_an_address_without_ray_is_a_mistake(tmp_path):
-    done = run("evaluate", "zero", *ONE, "--address", "10.0.0.1:6379", directory=tmp_path)
-    done.refused(2, "--engine ray")
-
-
-def test_where_no_cluster_answers_no_directory_is_made(tmp_path):
-    pytest.importorskip("ray")
-    address = f"127.0.0.1:{free_port()}"
-    done = run(
-        "evaluate", "zero", *ONE, "--engine", "ray", "--address", address, directory=tmp_path
-    )
-    done.refused(5, address, "no Ray cluster answers")
-    assert os.listdir(tmp_path) == []
+    (long := tmp_path / ("long" * 25)).mkdir()
+    monkeypatch.setenv("TMPDIR", str(long))  # sockets have short paths
+    zero, address = ("evaluate", "zero", *ONE), ("--address", f"127.0.0.1:{free_port()}")
+    run(*zero, "--engine", "ray", directory=tmp_path).refused(5, "TMPDIR")
+    run(*zero, *address, directory=tmp_path).refused(2, "--engine ray")
+    done = run(*zero, "--engine", "ray", *address, directory=tmp_path)
+    done.refused(5, address[1], "no Ray cluster answers")
+    assert os.listdir(tmp_path) == [long.name]

@@ -10,18 +10,13 @@ import trimesh
 from trimesh import creation
 
 from minitouch_bench import api
-from tests.commands.command import run
-
-
-def moved(mesh, *offset):
-    mesh.apply_translation(offset)
-    return mesh
+from tests.commands.command import run, succeed
 
 
 def ordinary():
     """Return things by name, sizes in m."""
-    hollow = moved(creation.cylinder(0.033, 0.07), 0, 0, 0.006)
-    foot = moved(creation.box((0.03, 0.03, 0.06)), -0.02, 0, 0.015)
+    hollow = creation.cylinder(0.033, 0.07).apply_translation((0, 0, 0.006))
+    foot = creation.box((0.03, 0.03, 0.06)).apply_translation((-0.02, 0, 0.015))
     slope = [[0, 0, 0], [8, 0, 0], [8, 5, 0], [0, 5, 0], [8, 0, 5], [8, 5, 5]]
     return {
         "ball": creation.icosphere(3, 0.033),
@@ -59,22 +54,21 @@ def test_ordinary_meshes_are_accepted_and_what_is_not_promised_is_said(mine):
     said = {shape["name"]: shape["not_promised"] for shape in shapes}
     assert said["cylinder"] == []
     assert all(text in done.out for texts in said.values() for text in texts)
-    assert run("shapes", "check", "set", directory=folder).code == 0
+    succeed("shapes", "check", "set", directory=folder)
 
 
 def test_own_objects_are_evaluated_verified_and_compared(mine, tmp_path):
     shutil.copytree(mine[0] / "set", tmp_path / "set")
     options = ("--objects", "set", "--suite", "smoke", "--episodes", 1, "--workers", 2)
     for policy in ("random", "zero"):
-        done = run("evaluate", policy, *options, "--output", policy, directory=tmp_path)
-        assert done.code == 0, done.err
+        done = succeed("evaluate", policy, *options, "--output", policy, directory=tmp_path)
         assert "objects set" in done.out
     played = api.load_run(tmp_path / "random")
     assert played.tasks == ("playing", "pushing", "pick-up")
     assert {*played.episodes["shape"]} == {"ball"}
     assert (played.episodes["touch_interaction"] > 0).any()
-    assert run("compare", "zero", "random", directory=tmp_path).code == 0
-    assert run("verify", "random", directory=tmp_path).code == 0
+    succeed("compare", "zero", "random", directory=tmp_path)
+    succeed("verify", "random", directory=tmp_path)
     (tmp_path / "set").rename(tmp_path / "away")
     run("verify", "random", directory=tmp_path).refused(2, "objects of the run are gone")
     run("replay", "random", "pushing/0", directory=tmp_path).refused(2, "gone")

@@ -15,10 +15,8 @@ from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import make_header, parse_run, read_run, run_digest, run_json
 from minitouch_bench.runs.run import make_run as measure_run
-from tests.commands.command import run
+from tests.commands.command import run, succeed
 from tests.reporting.synthetic import make_run
-
-TEN = ("--tasks", "pushing,opening", "--episodes", "5")
 
 
 def write(directory, name, episodes=20, **options):
@@ -43,10 +41,8 @@ def of_plan(record, spec):
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
-    write(directory / "good", "good", skill=0.9, episodes=60)
-    write(directory / "bad", "bad", skill=0.2, episodes=60)
-    write(directory / "worse", "worse", skill=0.25, episodes=60)
-    write(directory / "close", "close", skill=0.85, episodes=60)
+    for name, skill in {"good": 0.9, "bad": 0.2, "worse": 0.25, "close": 0.85}.items():
+        write(directory / name, name, skill=skill, episodes=60)
     write(directory / "few", "few", episodes=4)
     write(directory / "few-good", "few-good", skill=1.0, episodes=4)
     return directory
@@ -75,15 +71,13 @@ def test_a_regression_exits_1_and_writes_all_it_is_asked_for(runs, tmp_path):
     suite = ElementTree.parse(tmp_path / "out" / "gate.xml").getroot().find("testsuite")
     assert len(suite.findall("testcase")) > 6
     assert int(suite.attrib["failures"]) >= 3
-    assert float(suite.attrib["time"]) > 0
     summary = (tmp_path / "summary.md").read_text()
     assert summary.startswith("## ❌ minitouch-bench regression: ")
 
 
 def test_several_runs_on_each_side_judge_the_method(runs, tmp_path):
-    sides = ("--baseline", "good", "--baseline", "close", "--candidate", "bad")
     file = tmp_path / "gate.xml"
-    done = run("regress", *sides, "--candidate", "worse", "--junit", file, directory=runs)
+    done = gate(runs, "bad", "--baseline", "close", "--candidate", "worse", "--junit", file)
     assert done.code == 1, done.err
     answer, following = done.out.strip().splitlines()[-2:]
     assert answer.startswith("regression: mean success ")
@@ -107,15 +101,10 @@ def test_the_summary_of_a_github_step_is_added_to(runs, tmp_path, monkeypatch):
 
 
 def test_not_enough_episodes_are_never_called_a_pass_and_fail_if_worse_beyond_the_tolerance(runs):
-    done = gate(runs, "close", "--tolerance", "0.3", "--alpha", "0.001", "--json")
-    assert json.loads(done.out)["decision"] == "no regression"
     command = ("regress", "--baseline", "few-good", "--candidate", "few", "--alpha", "0.001")
     done = run(*command, "--json", directory=runs)
-    document = json.loads(done.out)
-    assert (done.code, document["decision"]) == (5, "not enough episodes")
-    assert document["endpoint"]["p_value"] > 0.001
-    done = run(*command, "--lenient", directory=runs)
-    assert done.code == 0
+    assert (done.code, json.loads(done.out)["decision"]) == (5, "not enough episodes")
+    done = succeed(*command, "--lenient", directory=runs)
     assert "not enough episodes: mean success" in done.out
     assert "warning" in done.err
     assert "warning" not in gate(runs, "good", "--lenient").err
@@ -150,7 +139,6 @@ REFUSED = [
     (("zero", *GOOD, "--candidate", "bad"), 2, "POLICY"),
     ((*GOOD, "--candidate", "few"), 2, "same episodes"),
     (("--baseline", "gone", "--candidate", "good"), 6, "gone"),
-    ((*GOOD, "--candidate", "bad", "--strict", "--lenient"), 2, "both"),
     ((*GOOD, "--candidate", "bad", "--resume"), 2, "--resume"),
 ]
 
@@ -163,45 +151,34 @@ def test_mistakes_end_in_two_lines(runs, options, code, word):
 # With a policy, in the simulator
 
 
-@pytest.fixture(scope="module")
-def baseline(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("gate")
-    done = run("evaluate", "scripted", *TEN, "--output", "base", directory=directory)
-    assert done.code == 0, done.err
-    return directory
-
-
 def test_a_policy_is_played_under_the_baseline_s_conditions(tmp_path):
     conditions = ("--without", "vision", "--perturb", "mass=2")
-    base = run(
-        "evaluate", "random", "--suite", "smoke", "--tasks", "opening", "--episodes", "1",
-        *conditions, "--output", "base", directory=tmp_path,
-    )  # fmt: skip
-    assert base.code == 0, base.err
-    done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
-    assert done.code == 0, done.err
+    one = ("--tasks", "opening", "--episodes", "1", "--output", "base")
+    succeed("evaluate", "random", *one, *conditions, directory=tmp_path)
+    succeed("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     plan = json.loads((tmp_path / "new" / "run.json").read_text())["header"]["plan"]
     assert plan["conditions"]["without"] == ["vision"]
     assert plan["conditions"]["mass"] == [2.0, 2.0]
 
 
-def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(baseline):
+def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(tmp_path):
+    ten = ("--tasks", "pushing,opening", "--episodes", "5")
+    succeed("evaluate", "scripted", *ten, "--output", "base", directory=tmp_path)
     command = ("regress", "zero", "--baseline", "base", "--output", "zero")
-    done = run(*command, "--json", directory=baseline)
+    done = run(*command, "--json", directory=tmp_path)
     document = json.loads(done.out)
     assert (done.code, document["decision"]) == (1, "regression")
     assert len(document["changes"]) == 10
-    replays = [document["next_command"], document["changes"][-1]["replay"]]
-    for command_line in replays:
+    for command_line in (document["next_command"], document["changes"][-1]["replay"]):
         program, verb, directory, key, *beside = shlex.split(command_line)
         assert (program, verb) == ("minitouch-bench", "replay")
-        spec, row = read_run(baseline / directory).find(key)
+        spec, row = read_run(tmp_path / directory).find(key)
         assert spec.key == f"{row.task}/{row.index}"
         assert beside == ["--beside", "zero"]
-    run(*command, directory=baseline).refused(6, "--resume", "--fresh")
+    run(*command, directory=tmp_path).refused(6, "--resume", "--fresh")
     onto = (*command[:4], "--output", "./base", "--fresh")
-    run(*onto, directory=baseline).refused(2, "holds the baseline")
-    again = run(*command, "--resume", "--json", directory=baseline)
+    run(*onto, directory=tmp_path).refused(2, "holds the baseline")
+    again = run(*command, "--resume", "--json", directory=tmp_path)
     assert json.loads(again.out) == document
 
 
@@ -209,25 +186,17 @@ def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
     save_native(TouchActor(action_size=5), tmp_path / "explored.safetensors")
     one = ("--tasks", "opening", "--episodes", 1, "--output", "base")
     run("evaluate", "random", "--exploration", "explored.safetensors", *one, directory=tmp_path)
-    done = run("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
-    assert done.code == 0
+    done = succeed("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     assert "left out" in done.err
-    assert "last bit" in done.out
+    assert "every episode is the same to the last bit" in done.out
+    assert (tmp_path / "new" / "report.html").exists()
 
 
 def test_a_finished_run_of_a_factory_is_played_again(tmp_path):
     policy = ("misbehaved:Still", "--trust")
     one = ("--tasks", "opening", "--episodes", "1", "--output", "base")
-    assert run("evaluate", *policy, *one, directory=tmp_path).code == 0
+    succeed("evaluate", *policy, *one, directory=tmp_path)
     command = ("regress", *policy, "--baseline", "base", "--output", "again")
-    assert run(*command, directory=tmp_path).code == 0
+    succeed(*command, directory=tmp_path)
     run(*command, "--resume", directory=tmp_path).refused(2, "no digest", "--fresh")
-    assert run(*command, "--fresh", directory=tmp_path).code == 0
-
-
-def test_the_same_policy_has_the_same_bits(baseline):
-    command = ("regress", "scripted", "--baseline", "base", "--output", "again")
-    done = run(*command, directory=baseline)
-    assert done.code == 0, done.err
-    assert "every episode is the same to the last bit" in done.out
-    assert (baseline / "again" / "report.html").exists()
+    succeed(*command, "--fresh", directory=tmp_path)

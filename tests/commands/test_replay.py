@@ -2,8 +2,9 @@
 
 import pytest
 
+from minitouch_bench.files import write_file
 from minitouch_bench.runs.run import read_run
-from tests.commands.command import run
+from tests.commands.command import run, succeed
 from tests.leaderboard.synthetic import make_row
 
 PLACE = "results/hac/seed-0/table4"
@@ -18,8 +19,7 @@ def root(tmp_path):
 @pytest.mark.parametrize("path", [PLACE, f"{PLACE}/run.json.gz"])
 def test_the_report_of_a_row_s_run_is_written_elsewhere(root, path):
     before = sorted((root / "results").rglob("*"))
-    done = run("report", path, directory=root)
-    assert done.code == 0, done.err
+    succeed("report", path, directory=root)
     assert sorted((root / "results").rglob("*")) == before
     assert (root / "reports/hac/seed-0/table4/report.html").exists()
 
@@ -34,22 +34,17 @@ def test_a_run_without_actions_says_how_to_get_them(root, command):
 
 def test_two_rows_are_compared_without_actions(root):
     make_row(root, "other", 0.5)
-    done = run("compare", PLACE, "results/other/seed-0/table4", directory=root)
-    assert done.code == 0, done.err
+    done = succeed("compare", PLACE, "results/other/seed-0/table4", directory=root)
     assert "A is better" in done.out
 
 
-@pytest.mark.parametrize("content", [b"", b"\x1f\x8b" + bytes(20), b"text"])
-def test_a_damaged_file_is_named(root, content):
-    (root / PLACE / "run.json.gz").write_bytes(content)
-    run("report", PLACE, directory=root).refused(6, "run.json")
-
-
-def test_a_packed_run_is_the_run(root):
+def test_a_packed_run_is_the_run_and_a_damaged_one_is_named(root):
     packed = read_run(root / PLACE)
-    (root / "plain").mkdir()
-    (root / "plain" / "run.json").write_bytes(packed.content)
+    write_file(root / "plain" / "run.json", packed.content)
     assert read_run(root / "plain").summary == packed.summary
+    for content in (b"", b"\x1f\x8b" + bytes(20), b"text"):
+        (root / PLACE / "run.json.gz").write_bytes(content)
+        run("report", PLACE, directory=root).refused(6, "run.json")
 
 
 @pytest.fixture(scope="module")
@@ -57,16 +52,14 @@ def idle(tmp_path_factory):
     """A run of Pushing's first episode by the policy that does nothing."""
     directory = tmp_path_factory.mktemp("idle")
     episode = ("--episodes-from", "pushing/1", "--seed", 0)
-    done = run("evaluate", "zero", *episode, "--output", directory / "run", directory=directory)
-    assert done.code == 0, done.err
+    succeed("evaluate", "zero", *episode, "--output", directory / "run", directory=directory)
     return directory / "run"
 
 
 def test_an_episode_of_two_runs_is_shown_on_one_time_axis(scripted, idle, tmp_path, browser):
     page = tmp_path / "both.html"
     ends = ("--beside", idle, "--output", page)
-    done = run("replay", scripted[1], "pushing/1", *ends, directory=tmp_path)
-    assert done.code == 0, done.err
+    done = succeed("replay", scripted[1], "pushing/1", *ends, directory=tmp_path)
     assert done.err.count("the same bits as recorded") == 2
     browser.open(page)
     curves = "[...document.querySelectorAll('.plot')[0].querySelectorAll('.curve')]"
@@ -81,18 +74,9 @@ def test_an_episode_of_two_runs_is_shown_on_one_time_axis(scripted, idle, tmp_pa
     assert browser.messages == []
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [(("--csv",), "leave --video and --csv out"), (("--output", "a.pdf"), ".html file")],
-)
-def test_two_runs_are_one_page_alone(scripted, idle, tmp_path, words, reason):
-    command = ("replay", scripted[1], "pushing/1", "--beside", idle, *words)
-    run(*command, directory=tmp_path).refused(2, reason)
-
-
-def test_another_scene_is_refused(scripted, tmp_path):
-    other = tmp_path / "other"
-    words = ("--tasks", "pushing", "--episodes", 2, "--seed", 7, "--output", other)
-    assert run("evaluate", "zero", *words, directory=tmp_path).code == 0
-    done = run("replay", scripted[1], "pushing/1", "--beside", other, directory=tmp_path)
-    done.refused(2, "not the same episode")
+def test_two_runs_are_one_page_alone_and_of_one_scene(scripted, idle, tmp_path):
+    command = ("replay", scripted[1], "pushing/1", "--beside")
+    run(*command, idle, "--csv", directory=tmp_path).refused(2, "leave --video and --csv out")
+    words = ("--episodes-from", "pushing/1", "--seed", 7, "--output", "other")
+    succeed("evaluate", "zero", *words, directory=tmp_path)
+    run(*command, "other", directory=tmp_path).refused(2, "not the same episode")

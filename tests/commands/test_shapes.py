@@ -3,25 +3,10 @@
 import pytest
 import trimesh
 
-from minitouch_bench.shapegen import exchange
 from tests.altered import edit_document
-from tests.commands.command import run
+from tests.commands.command import run, succeed
 from tests.shapegen.conftest import subset
 from tests.shapegen.test_object_files import obj_of
-
-
-def test_a_refusal_has_no_progress_bar(tmp_path):
-    run("shapes", "check", "gone", directory=tmp_path).refused(2, "gone")
-
-
-# With one that is refused beside one that is accepted: test_own_objects.py.
-@pytest.mark.parametrize(("accepted", "refused"), [(1, {}), (0, {"mug.stl": "too long"})])
-def test_an_import_of_all_exits_0_and_one_of_none_1(monkeypatch, tmp_path, accepted, refused):
-    result = exchange.ImportResult("d" * 64, accepted, refused, {})
-    monkeypatch.setattr(exchange, "import_objects", lambda *_, **__: result)
-    done = run("shapes", "import", tmp_path, "--output", "set", directory=tmp_path)
-    assert done.code == len(refused)
-    assert ("set in " in done.out) == bool(accepted)
 
 
 def test_what_a_stranger_named_cannot_write_to_the_terminal(tmp_path):
@@ -29,25 +14,26 @@ def test_what_a_stranger_named_cannot_write_to_the_terminal(tmp_path):
     done = run("shapes", "import", tmp_path, "--output", "set", directory=tmp_path)
     assert done.code == 1
     assert done.out.startswith("red[31m.stl: no faces")
+    assert "set in" not in done.out
     small = subset(tmp_path / "small", 1)
     edit_document(small / "manifest.json", lambda d: d["shapes"][0].update(sha256="\x1b[31m"))
     done = run("shapes", "check", small, directory=tmp_path)
     assert done.code == 1
     assert "\x1b" not in done.out
+    run("shapes", "check", "gone", directory=tmp_path).refused(2, "gone")
 
 
 def test_files_are_imported_each_with_its_unit_and_again_with_fresh(tmp_path):
     for name, side in (("box", 0.05), ("crate", 50.0)):
         (tmp_path / f"{name}.obj").write_text(obj_of(trimesh.creation.box((side, side, side))))
     command = ("shapes", "import", "box.obj", "--output", "set")
-    assert run(*command, directory=tmp_path).code == 0
+    succeed(*command, directory=tmp_path)
     scaled = (*command, "crate.obj", "--scale", 1, "--scale", "crate.obj=0.001")
     run(*scaled, directory=tmp_path).refused(6, "--fresh")
-    done = run(*scaled, "--fresh", directory=tmp_path)
-    assert done.code == 0
+    done = succeed(*scaled, "--fresh", directory=tmp_path)
     assert "crate.obj: accepted, not promised: " in done.out
     assert "same solid" in done.out  # as box.obj
-    assert run("shapes", "check", "set", "--quick", directory=tmp_path).code == 0
+    succeed("shapes", "check", "set", "--quick", directory=tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from minitouch_bench.agents import training_directory
 from minitouch_bench.agents.config import make_config
-from tests.commands.command import run
+from tests.commands.command import run, succeed
 
 
 @pytest.fixture
@@ -22,8 +22,7 @@ def train(tmp_path, monkeypatch):
     monkeypatch.setattr(training_directory, "run_training", run_training)
 
     def train(*options):
-        done = run("train", *options, directory=tmp_path)
-        assert done.code == 0, done.err
+        succeed("train", *options, directory=tmp_path)
         return asked.pop()
 
     return train
@@ -32,20 +31,17 @@ def train(tmp_path, monkeypatch):
 def test_each_option_changes_its_own_setting_alone(train):
     base = make_config("pushing")
     steps = {"exploration": replace(base.exploration, steps=70)}
+    lacking = {"without": ("forces", "vision")}
+    both = {
+        phase: replace(getattr(base, phase), **lacking) for phase in ("exploration", "task_phase")
+    }
     for option, text, change in (
         ("--method", "rnd", {"method": "rnd"}),
         ("--seed", 3, {"seed": 3}),
         ("--exploration-steps", 70, steps),
         ("--task-steps", 0, {"task_phase": replace(base.task_phase, steps=0)}),
         ("--objects", "held-out", {"objects": "held-out"}),
-        (
-            "--without",
-            "forces,vision",
-            {
-                "exploration": replace(base.exploration, without=("forces", "vision")),
-                "task_phase": replace(base.task_phase, without=("forces", "vision")),
-            },
-        ),
+        ("--without", "forces,vision", both),
         ("--task-without", "vision", {"task_phase": replace(base.task_phase, without=("vision",))}),
         ("--from-log", "log", {"dataset": "log"}),
     ):

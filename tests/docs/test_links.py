@@ -6,15 +6,8 @@ import pytest
 
 from tests.altered import DOCS, ROOT
 
-PAGES = sorted(
-    [
-        *ROOT.glob("*.md"),
-        *DOCS.rglob("*.md"),
-        *ROOT.glob("experiments/**/*.md"),
-        *ROOT.glob("examples/**/*.md"),
-        *ROOT.glob("examples/*.ipynb"),
-    ]
-)
+PLACES = ("*.md", "docs/**/*.md", "experiments/**/*.md", "examples/**/*.md", "examples/*.ipynb")
+PAGES = sorted(page for place in PLACES for page in ROOT.glob(place))
 CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)|^\[[^\]]+\]: (\S+)$", re.MULTILINE)
 REFERENCE = re.compile(r"\]\[([^\]]+)\]")
@@ -26,14 +19,10 @@ ELSEWHERE = ("https:", "http:", "mailto:")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_link_leads_somewhere(page):
-    dead = [link for link in links(page) if not leads_somewhere(page, link)]
-    assert not dead
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_reference_has_its_address(page):
+def test_every_link_leads_somewhere_and_every_reference_has_its_address(page):
     text = CODE.sub("", page.read_text(encoding="utf-8"))
+    links = [inline or defined for inline, defined in LINK.findall(text)]
+    assert not [link for link in links if not leads_somewhere(page, link)]
     defined = set(re.findall(r"^\[([^\]]+)\]: ", text, re.MULTILINE))
     assert not {*REFERENCE.findall(text)} - defined
 
@@ -42,11 +31,6 @@ def test_every_page_of_the_site_is_in_its_navigation():
     named = re.findall(r"^ +- .+: (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     pages = {str(page.relative_to(DOCS)) for page in PAGES if DOCS in page.parents}
     assert pages == set(named)
-
-
-def links(page):
-    found = LINK.findall(CODE.sub("", page.read_text(encoding="utf-8")))
-    return [inline or defined for inline, defined in found]
 
 
 def leads_somewhere(page, link):
@@ -64,9 +48,5 @@ def leads_somewhere(page, link):
 
 def anchors(page):
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-    return {slug(heading) for heading in HEADING.findall(text)}
-
-
-def slug(heading):
-    plain = re.sub(r"[^\w\s-]", "", heading.lower()).strip()
-    return re.sub(r"[-\s]+", "-", plain)
+    plain = (re.sub(r"[^\w\s-]", "", one.lower()).strip() for one in HEADING.findall(text))
+    return {re.sub(r"[-\s]+", "-", heading) for heading in plain}

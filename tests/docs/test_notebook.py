@@ -4,6 +4,7 @@ import pytest
 
 from tests.altered import ROOT
 
+nbformat = pytest.importorskip("nbformat")
 NOTEBOOK = ROOT / "examples" / "quickstart.ipynb"
 BUDGET = "TRAINING_STEPS = 300\nEPISODES = 2\n"
 
@@ -11,8 +12,7 @@ BUDGET = "TRAINING_STEPS = 300\nEPISODES = 2\n"
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_notebook_runs_from_start_to_end(tmp_path):
-    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
-    nbclient = pytest.importorskip("nbclient", reason="pip install 'minitouch-bench[dev]'")
+    nbclient = pytest.importorskip("nbclient")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     [parameters] = [
         cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())
@@ -31,7 +31,6 @@ def test_the_notebook_runs_from_start_to_end(tmp_path):
 
 def test_the_notebook_is_stored_with_what_it_shows():
     """GitHub runs no cell, and has no place for a page of a megabyte."""
-    nbformat = pytest.importorskip("nbformat", reason="pip install 'minitouch-bench[dev]'")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)
     shown = [output for cell in notebook.cells for output in cell.get("outputs", ())]

@@ -11,14 +11,8 @@ from minitouch_bench.commands.app import app
 from minitouch_bench.metrics.definitions import METRICS
 from tests.altered import DOCS, ROOT
 
-USER_PAGES = [
-    DOCS / "index.md",
-    *(
-        page
-        for part in ("start", "how-to", "explanation", "results")
-        for page in (DOCS / part).glob("*.md")
-    ),
-]
+PARTS = ("", "start", "how-to", "explanation", "results")
+USER_PAGES = [page for part in PARTS for page in (DOCS / part).glob("*.md")]
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *ROOT.glob("experiments/*.md")])
 WORDS = 12_500
 METHODS = {"hac": "HaC", "rnd-touch": "RND+touch", "rnd": "RND", "sac": "SAC"}

@@ -11,9 +11,7 @@ import pytest
 
 from tests.altered import ROOT
 
-LOADED = re.compile(
-    r"<(?:script|img|iframe)[^>]+src=\"?(https?:[^\">\s]+)|<link[^>]+href=\"?(https?:[^\">\s]+)"
-)
+LOADED = re.compile(r"<(?:script|img|iframe|link)[^>]+(?:src|href)=\"?(https?:[^\">\s]+)")
 
 
 @pytest.mark.slow

@@ -92,26 +92,36 @@ def test_cells_and_their_runs(design):
 @pytest.mark.timeout(1800)
 def test_killed_three_times_it_ends_in_the_rows_of_an_undisturbed_one(design, tmp_path):
     assert run_grid(design, tmp_path / "calm") == {}
-    output = tmp_path / "killed"
-    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
-    for cell in ("playing-hac-60-0", "opening-rnd-60-0"):
-        kill_once_there_is(output / cell / "checkpoint.pt", command)
-    kill_once_there_is(output / "opening-rnd-60-0" / "final.safetensors", command)
-    subprocess.run(command, cwd=ROOT, check=True)
+    output, last = tmp_path / "killed", "opening-rnd-60-0"
+    for file in (
+        "playing-hac-60-0/checkpoint.pt",
+        f"{last}/checkpoint.pt",
+        f"{last}/final.safetensors",
+    ):
+        kill_once_there_is(output / file, start(design, output))
+    assert run_grid(design, output) == {}
     for name in FILES:
         calm, killed = (pd.read_csv(place / f"{name}.csv") for place in (tmp_path / "calm", output))
-        drop = [column for column in ("seconds",) if column in calm]
-        pd.testing.assert_frame_equal(calm.drop(columns=drop), killed.drop(columns=drop))
+        calm, killed = (one.drop(columns="seconds", errors="ignore") for one in (calm, killed))
+        pd.testing.assert_frame_equal(calm, killed)
     assert {*pd.read_csv(output / "episodes.csv", keep_default_na=False)["conditions"]} == {
         "", "without forces, mass 2 to 3 times", *WORDS.values(),
     }  # fmt: skip
 
 
-def kill_once_there_is(file, command):
-    process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
+def start(design, output, *options):
+    command = [sys.executable, "-m", "experiments.grid", design, "--output", output, *options]
+    return subprocess.Popen(command, cwd=ROOT, start_new_session=True)
+
+
+def wait_for(file, process):
     while not file.exists():
         assert process.poll() is None
         time.sleep(0.02)
+
+
+def kill_once_there_is(file, process):
+    wait_for(file, process)
     process.kill()
     process.wait()
 
@@ -119,11 +129,8 @@ def kill_once_there_is(file, command):
 @pytest.mark.slow
 def test_ctrl_c_ends_a_grid_at_once(design, tmp_path):
     output = tmp_path / "out"
-    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
-    process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
-    while not (output / "playing-hac-60-0" / "checkpoint.pt").exists():
-        assert process.poll() is None
-        time.sleep(0.02)
+    process = start(design, output)
+    wait_for(output / "playing-hac-60-0" / "checkpoint.pt", process)
     family = descendants(process.pid)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     assert process.wait(60) == 130
@@ -158,8 +165,7 @@ def test_another_setting_needs_another_directory(design, tmp_path, before, word)
 @pytest.mark.slow
 def test_a_training_under_way_goes_on_after_a_seed_was_added(design, tmp_path):
     output, only = tmp_path / "out", ["playing-hac-60-0"]
-    command = [sys.executable, "-m", "experiments.grid", design, "--output", output]
-    kill_once_there_is(output / only[0] / "checkpoint.pt", [*command, "--only", *only])
+    kill_once_there_is(output / only[0] / "checkpoint.pt", start(design, output, "--only", *only))
     begun = read_design(design)["digest"]
     design.write_text(DESIGN.replace("seeds = [0]", "seeds = [0, 1]"))
     assert run_grid(design, output, only=only) == {}

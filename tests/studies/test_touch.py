@@ -21,13 +21,14 @@ from experiments.touch.analysis import (
 from tests.altered import ROOT
 
 RNG = np.random.default_rng(5)
+MEASURE = {"pushing": "success", "pick-up": "success"}
 CLAIMS = [
-    {"better": "hac", "worse": "rnd", "measure": {"pushing": "success", "pick-up": "success"}},
-    {"better": "rnd", "worse": "sac", "measure": {"pushing": "success", "pick-up": "success"}},
+    {"better": better, "worse": worse, "measure": MEASURE}
+    for better, worse in (("hac", "rnd"), ("rnd", "sac"))
 ]
 
 
-def test_the_p_value_is_that_of_every_division_of_the_seeds():
+def test_the_p_value_is_that_of_every_division_of_the_seeds_of_equal_numbers():
     better, worse = ([RNG.integers(0, 20, 3) / 100 for _ in range(2)] for _ in range(2))
     every = [
         [sum(part) for part in combinations([*one, *other], 3)]
@@ -36,16 +37,10 @@ def test_the_p_value_is_that_of_every_division_of_the_seeds():
     sums = [sum(pair) for pair in product(*every)]
     seen = sum(float(one.sum()) for one in better)
     assert stratified_p(better, worse) == pytest.approx(np.mean([s >= seen - 1e-9 for s in sums]))
-
-
-def test_equal_arms_have_a_p_value_of_1_and_separate_ones_the_least():
     same = [np.full(8, 0.5)]
     assert stratified_p(same, same) == pytest.approx(1.0)
     apart = [np.linspace(0.6, 0.9, 8)], [np.linspace(0.1, 0.4, 8)]
     assert stratified_p(*apart) == pytest.approx(1 / 12870)
-
-
-def test_arms_of_unequal_numbers_of_seeds_are_not_compared():
     with pytest.raises(ValueError, match="7 of the other"):
         stratified_p([np.full(8, 0.5)], [np.full(7, 0.5)])
 
@@ -54,7 +49,7 @@ def known(**means):
     return {
         (arm, task, "success"): np.clip(mean + RNG.normal(0, 0.05, 8), 0, 1).round(2)
         for arm, mean in means.items()
-        for task in ("pushing", "pick-up")
+        for task in MEASURE
     }
 
 
@@ -71,11 +66,9 @@ def test_single_tasks_are_decided_only_inside_a_decided_claim():
     values = known(hac=0.4, rnd=0.8, sac=0.8)
     values["rnd", "pushing", "success"] = values["hac", "pushing", "success"]
     judged = judge_pooled(CLAIMS[:1], values).set_index("task")["verdict"]
-    assert judged.to_dict() == {
-        "": "contradicted",
-        "pushing": "not contradicted",
-        "pick-up": "contradicted",
-    }
+    assert judged.loc[["", "pushing", "pick-up"]].tolist() == [
+        "contradicted", "not contradicted", "contradicted"
+    ]  # fmt: skip
     values["rnd", "pushing", "success"] = values["hac", "pushing", "success"] - 0.1
     found = judge_pooled(CLAIMS[:1], values).set_index("task").loc["pushing", "verdict"]
     assert found == "not contradicted, opposite sign"
@@ -91,7 +84,7 @@ def test_whole_seeds_keep_the_level_where_a_seed_is_alike_in_all_tasks():
     values = {
         (arm, task, "success"): seeds
         for arm, seeds in (("hac", one), ("rnd", other))
-        for task in ("pushing", "pick-up")
+        for task in MEASURE
     }
     judged = judge_pooled(CLAIMS[:1], values).iloc[0]
     assert judged[["p", "p_whole_seeds"]].tolist() == pytest.approx([*found[-1]])
@@ -123,14 +116,8 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
         for arm, mean in means.items()
     }
     numbers = touch_numbers({"pushing": "success"}, values).set_index("part")
-    assert numbers["difference"].to_dict() == pytest.approx(
-        {
-            "HaC, forces felt": 0.2,
-            "curiosity and forces": 0.6,
-            "of it, curiosity": 0.45,
-            "of it, forces felt": 0.15,
-        }
-    )
+    parts = ["HaC, forces felt", "curiosity and forces", "of it, curiosity", "of it, forces felt"]
+    assert numbers["difference"][parts].tolist() == pytest.approx([0.2, 0.6, 0.45, 0.15])
     all_of_it = numbers.loc["curiosity and forces"]  # Student's t with 14 degrees of freedom
     deviation = np.linspace(-0.07, 0.07, 8).std(ddof=1)
     assert all_of_it["high"] - all_of_it["low"] == pytest.approx(
@@ -139,22 +126,20 @@ def test_both_parts_of_the_touch_number_add_up_to_all_of_it():
 
 
 def test_the_answer_has_the_means_and_p_of_its_claims():
-    measure = {"pushing": "success", "pick-up": "success"}
     pairs = [("rnd-touch", "rnd"), ("hac", "rnd"), ("hac", "hac-no-forces")]
-    claims = [{"better": one, "worse": other, "measure": measure} for one, other in pairs]
-    judged = judge_pooled(
-        claims, known(**{"hac": 0.8, "hac-no-forces": 0.79, "rnd-touch": 0.3, "rnd": 0.2})
-    )
+    claims = [{"better": one, "worse": other, "measure": MEASURE} for one, other in pairs]
+    means = {"hac": 0.8, "hac-no-forces": 0.79, "rnd-touch": 0.3, "rnd": 0.2}
+    judged = judge_pooled(claims, known(**means))
     changes = pd.DataFrame(
         [("hac", task, FROZEN, value) for task, value in (("pushing", -0.25), ("pick-up", -0.5))]
-        + [("rnd", task, FROZEN, 0.0) for task in measure],
+        + [("rnd", task, FROZEN, 0.0) for task in MEASURE],
         columns=["method", "task", "conditions", "value"],
     )
     said = answer({"pooled": claims, "seeds": range(8)}, judged, changes).splitlines()
     of_claim = judged[judged["task"] == ""].set_index("claim")
-    for line, row in zip(said, (of_claim.loc[2], of_claim.loc[3]), strict=False):
-        assert f"{row['better_mean']:.3f}" in line
-        assert f"{row['worse_mean']:.3f}" in line
+    for line, claim in zip(said, (2, 3), strict=False):
+        for mean in of_claim.loc[claim, ["better_mean", "worse_mean"]]:
+            assert f"{mean:.3f}" in line
     assert f"(p = {of_claim.loc[3, 'p']:.4f})" in said[1]
     assert "falls by 0.250 in Pushing and 0.500 in Pick-up" in said[2]
 
@@ -176,9 +161,6 @@ def test_a_locked_design_may_not_change(tmp_path):
     check_lock({"digest": "1" * 64}, tmp_path)
     with pytest.raises(SystemExit, match="changed after it was locked"):
         check_lock({"locked": True, "digest": "1" * 64}, tmp_path)
-
-
-def test_the_design_is_the_one_that_was_locked():
     design = read_design(DESIGN)
     assert design["locked"]
     assert f"`{design['digest']}`" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -83,80 +83,82 @@ class _Group(_Once, TyperGroup):
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
-def seconds_of(option: str, text: str | None) -> float | None:
-    """Read a time such as 90m, 5h or 30s, None where none is given.
+def seconds_of(text: str) -> float:
+    """Read the time of ``--stop-after``, such as 90m, 5h or 30s.
 
     Raises:
         UsageError: it is not a time.
     """
-    if text is None:
-        return None
     if not re.fullmatch(r"[0-9]{1,6}(\.[0-9]+)?[smh]", text) or float(text[:-1]) == 0:
-        raise UsageError(f"{option} is a time such as 90m, 5h or 30s, not '{text}'")
+        raise UsageError(f"--stop-after is a time such as 90m, 5h or 30s, not '{text}'")
     return float(text[:-1]) * SECONDS[text[-1]]
 
 
-# Options
+def argument(metavar: str, meaning: str) -> Any:
+    """Return an argument as the help shows it."""
+    return typer.Argument(metavar=metavar, help=meaning)
 
-episodes_option = partial(typer.Option, rich_help_panel="Episodes")
-output_option = partial(typer.Option, rich_help_panel="Output")
-engine_option = partial(typer.Option, rich_help_panel="Engine")
-isolation_option = partial(typer.Option, rich_help_panel="Isolation")
-timeout_option = partial(isolation_option, metavar="S", min=0.01, max=MAX_TIMEOUT_S)
-"""Options of a group in a command's help."""
+
+def option(metavar: str, meaning: str, *names: str, **more: Any) -> Any:
+    """Return an option as its help shows it: what stands for the value, and what it means.
+
+    ``names``: where they are not the parameter's.
+    """
+    return typer.Option(*names, metavar=metavar, help=meaning, **more)
+
+
+def flag(name: str, meaning: str, **more: Any) -> Any:
+    """Return an option without a value, and without an opposite as ``--no-json``."""
+    return typer.Option(name, help=meaning, **more)
+
+
+# Options of a group in a command's help.
+episodes_option = partial(option, rich_help_panel="Episodes")
+output_option = partial(option, rich_help_panel="Output")
+output_flag = partial(flag, rich_help_panel="Output")
+engine_option = partial(option, rich_help_panel="Engine")
+isolation_option = partial(option, rich_help_panel="Isolation")
+timeout_option = partial(isolation_option, "S", min=0.01, max=MAX_TIMEOUT_S)
 
 POLICIES = (
     f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
     "file per task or a LeRobot checkpoint, package.module:attribute, http://..., or "
     "hf://USER/REPO/FILE@REVISION"
 )
+OBJECTS = "cube, shapes (train, held-out or all), or the folder of a shape set"
+ENGINE_PLACES = "; ".join(f"{name}: {where}" for name, where in ENGINES.items()) + "."
 
-PolicyArgument = Annotated[str, typer.Argument(metavar="POLICY", help=POLICIES)]
-EXPLORATION = episodes_option(help="The policy at the end of the exploration phase.")
-Exploration = Annotated[str | None, EXPLORATION]
-RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="Directory of a finished run.")]
-RunsArgument = Annotated[
-    list[Path], typer.Argument(metavar="RUN", help="Directories of finished runs.")
-]
-TaskArgument = Annotated[str, typer.Argument(metavar="TASK", help=", ".join(TASK_NAMES))]
-Workers = Annotated[
-    str, engine_option(metavar="N|auto", help="Worker processes; auto: one per core.")
-]
-EngineName = Annotated[
-    str,
-    engine_option(
-        metavar="|".join(ENGINES),
-        help="; ".join(f"{name}: {where}" for name, where in ENGINES.items()) + ".",
-    ),
-]
+PolicyArgument = Annotated[str, argument("POLICY", POLICIES)]
+RunDirectory = Annotated[Path, argument("RUN", "Directory of a finished run.")]
+RunsArgument = Annotated[list[Path], argument("RUN", "Directories of finished runs.")]
+TaskArgument = Annotated[str, argument("TASK", ", ".join(TASK_NAMES))]
+Workers = Annotated[str, engine_option("N|auto", "Worker processes; auto: one per core.")]
+EngineName = Annotated[str, engine_option("|".join(ENGINES), ENGINE_PLACES)]
 Address = Annotated[
-    str | None,
-    engine_option(metavar="HOST:PORT", help="ray: the cluster; without it Ray starts here."),
+    str | None, engine_option("HOST:PORT", "ray: the cluster; without it Ray starts here.")
 ]
 IsolationLevel = Annotated[
     str,
-    isolation_option(
-        metavar="|".join(Isolation), help="See docs/explanation/isolation.md; none needs --trust."
-    ),
+    isolation_option("|".join(Isolation), "See docs/explanation/isolation.md; none needs --trust."),
 ]
 Trust = Annotated[
-    bool, isolation_option("--trust", help="Run a policy's own Python code on this machine.")
+    bool,
+    flag("--trust", "Run a policy's own Python code on this machine.", rich_help_panel="Isolation"),
 ]
 ActTimeout = Annotated[
-    float,
-    timeout_option(help="Seconds a policy may take for one action; another value is unofficial."),
+    float, timeout_option("Seconds a policy may take for one action; another value is unofficial.")
 ]
 EpisodeTimeout = Annotated[
-    float,
-    timeout_option(help="Seconds a policy may take in an episode; another value is unofficial."),
+    float, timeout_option("Seconds a policy may take in an episode; another value is unofficial.")
 ]
 StopAfter = Annotated[
-    str | None,
+    float | None,
     engine_option(
-        metavar="TIME",
-        help="Stop after 90m, 5h or 30s, as soon as an episode ends; the same command continues.",
+        "TIME",
+        "Stop after 90m, 5h or 30s, as soon as an episode ends; the same command continues.",
+        parser=seconds_of,
     ),
 ]
-Resume = Annotated[bool, output_option("--resume", help="Continue the run in the directory.")]
-Fresh = Annotated[bool, output_option("--fresh", help="Replace the run in the directory.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Resume = Annotated[bool, output_flag("--resume", "Continue the run in the directory.")]
+Fresh = Annotated[bool, output_flag("--fresh", "Replace the run in the directory.")]
+AsJson = Annotated[bool, flag("--json", "Print the result as JSON.")]

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from minitouch_bench import console
 from minitouch_bench.agents.training import COLUMNS, ProgressRow, TrainingCallbacks
-from minitouch_bench.cli import console
-from minitouch_bench.cli.console import episode_progress
+from minitouch_bench.console import episode_progress
 from minitouch_bench.episode import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
 
 
-def test_without_a_terminal_there_is_one_line_per_minute():
+def test_without_a_terminal_there_is_one_line_per_minute(monkeypatch):
     now = [0.0]
     screen = Console(file=io.StringIO(), width=200)
-    with episode_progress(screen, clock=lambda: now[0]) as callbacks:
+    monkeypatch.setattr(console, "notes", lambda: screen)
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with episode_progress() as callbacks:
         callbacks.phase("episodes", 20)
         for second in range(0, 200, 10):
             now[0] = float(second)
@@ -31,19 +33,25 @@ def test_without_a_terminal_there_is_one_line_per_minute():
     ]  # fmt: skip
 
 
-def test_no_word_between_colons_becomes_a_picture(capsys):
+@pytest.fixture
+def _new_consoles():
     console.notes.cache_clear()
+    yield
+    console.notes.cache_clear()
+
+
+@pytest.mark.usefixtures("_new_consoles")
+def test_no_word_between_colons_becomes_a_picture(capsys):
     console.note("agents:robot: it cannot be imported")
     console.data_console().print("runs:car:", markup=False)
     shown = capsys.readouterr()
     assert (shown.err, shown.out) == ("agents:robot: it cannot be imported\n", "runs:car:\n")
-    console.notes.cache_clear()
 
 
+@pytest.mark.usefixtures("_new_consoles")
 def test_colors_in_a_pipe_make_no_screen_of_it(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "80")
-    console.notes.cache_clear()
     assert not console.is_watched()
     with episode_progress() as callbacks:
         callbacks.phase("episodes", 3)
@@ -52,7 +60,6 @@ def test_colors_in_a_pipe_make_no_screen_of_it(monkeypatch, capsys):
     shown = capsys.readouterr()
     assert shown.out == f"\x1b[1m{'word ' * 50}\x1b[0m\n"
     assert "\x1b" not in shown.err
-    console.notes.cache_clear()
 
 
 def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
@@ -66,7 +73,8 @@ def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
 
     monkeypatch.setattr(IPython.display, "display", Cell)
     screen = Console(file=io.StringIO(), force_jupyter=True)
-    with episode_progress(screen) as callbacks:
+    monkeypatch.setattr(console, "notes", lambda: screen)
+    with episode_progress() as callbacks:
         callbacks.phase("episodes", 3)
         for _ in range(3):
             callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
@@ -74,19 +82,13 @@ def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
     assert screen.file.getvalue() == ""
 
 
-@pytest.fixture
-def each_line(monkeypatch):
-    """Print a line each time, not once per minute."""
+def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(monkeypatch, capsys):
     monkeypatch.setattr(console, "LINE_INTERVAL_S", 0.0)
-
-
-@pytest.mark.usefixtures("each_line")
-def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
     with console.training_progress() as shown:
         callbacks = TrainingCallbacks(**shown)
         callbacks.begin(2000)
-        row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
-        callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))
+        row = dict.fromkeys(COLUMNS) | {"step": 500, "phase": "exploration", "touch_share": 0.25}
+        callbacks.row(ProgressRow(**row))
         assert not callbacks.should_stop()
         signal.raise_signal(signal.SIGINT)
         assert callbacks.should_stop()

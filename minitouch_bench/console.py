@@ -29,9 +29,6 @@ PIPED_WIDTH = 10_000
 LINE_INTERVAL_S = 60.0
 """Seconds between two lines of progress where no terminal shows a bar."""
 
-WIDE = 110
-"""Columns of a terminal from which a bar is a long one."""
-
 
 @cache
 def notes() -> "Console":
@@ -71,7 +68,7 @@ def is_watched() -> bool:
 class _Progress:
     """Bars in a terminal, one bar per phase in a notebook, otherwise one line per minute."""
 
-    def __init__(self, console: "Console", clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, console: "Console") -> None:
         from rich import progress
         from rich.table import Column
         from rich.text import Text
@@ -85,7 +82,7 @@ class _Progress:
         whole = Column(no_wrap=True)
         self._bars = Bars(
             progress.TextColumn("[bold]{task.description}"),
-            progress.BarColumn(bar_width=30 if console.width >= WIDE else 10),
+            progress.BarColumn(bar_width=20),
             progress.TextColumn("{task.completed:,.0f}/{task.total:,.0f}", table_column=whole),
             progress.TimeElapsedColumn(table_column=whole),
             progress.TextColumn("left"),
@@ -95,7 +92,7 @@ class _Progress:
             refresh_per_second=2,
             speed_estimate_period=600,
         )
-        self._console, self._clock, self._printed_at = console, clock, clock()
+        self._console, self._printed_at = console, time.monotonic()
         self._cells: dict[str, Any] = {}  # of a notebook, by what is done in it
 
     def begin(self, name: str, total: int) -> None:
@@ -112,8 +109,10 @@ class _Progress:
         line = f"{name}: {done:,} of {bar.total:,}{unit}  {text}".rstrip()
         if self._console.is_jupyter:
             self._show_in_notebook(line, bar)
-        elif not self._console.is_terminal and self._clock() >= self._printed_at + LINE_INTERVAL_S:
-            self._printed_at = self._clock()
+        elif (
+            not self._console.is_terminal and time.monotonic() >= self._printed_at + LINE_INTERVAL_S
+        ):
+            self._printed_at = time.monotonic()
             self._console.print(line, markup=False)
 
     def _show_in_notebook(self, line: str, bar: "Task") -> None:
@@ -136,14 +135,12 @@ class _Progress:
 
 
 @contextmanager
-def episode_progress(
-    console: "Console | None" = None, clock: Callable[[], float] = time.monotonic
-) -> Iterator[Callbacks]:
+def episode_progress() -> Iterator[Callbacks]:
     """Show episodes done, success so far, and the time left, from the first phase on.
 
     Yields the functions that an evaluation calls to have its episodes shown.
     """
-    progress = _Progress(console or notes(), clock)
+    progress = _Progress(notes())
     tally: dict[str, list[bool]] = {}
     faults = 0
 

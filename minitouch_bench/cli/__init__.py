@@ -1,1 +1,0 @@
-"""What commands share: options, and how they print and show their progress."""
