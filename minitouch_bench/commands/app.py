@@ -103,9 +103,14 @@ def _check_encoding() -> None:
     """See that each argument and the working directory can be written into the files of a run.
 
     Raises:
-        UsageError: one has bytes that are not UTF-8, as the name of a file can have.
+        UsageError: one has bytes that are not UTF-8, as the name of a file can have, or the
+            directory was removed.
     """
-    for name in (*sys.argv[1:], os.getcwd()):
+    try:
+        directory = os.getcwd()
+    except FileNotFoundError:
+        raise UsageError("the working directory was removed: change to another one") from None
+    for name in (*sys.argv[1:], directory):
         try:
             name.encode()
         except UnicodeEncodeError as error:

@@ -109,3 +109,10 @@ def test_a_name_that_cannot_be_used_is_refused_in_a_line(
 ):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     run(*command, directory=tmp_path).refused(code, word)
+
+
+def test_a_working_directory_that_was_removed_is_named_in_a_line(tmp_path):
+    command = f"mkdir gone && cd gone && rmdir ../gone && {sys.executable} -m minitouch_bench tasks"
+    done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "was removed" in done.stderr
