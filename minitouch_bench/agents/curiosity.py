@@ -16,7 +16,7 @@ from torch.nn import functional
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.memory import Batch
 from minitouch_bench.agents.sac import encode_image
-from minitouch_bench.errors import MiniTouchError, UsageError
+from minitouch_bench.errors import PolicyLoadError, UsageError
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.networks import (
     FEATURES,
@@ -27,7 +27,6 @@ from minitouch_bench.policies.networks import (
 )
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.simulation.observation import FORCES
-from minitouch_bench.text import describe
 
 WHITENED_LIMIT = 5.0
 """Standard deviations."""
@@ -389,10 +388,8 @@ def find_curiosity(method: str) -> Callable[[CuriosityConfig, int], Curiosity]:
         return CURIOSITIES[method]
     try:
         found = look_up_own(method)
-    except MiniTouchError as error:
+    except PolicyLoadError as error:
         raise UsageError(f"the method {method}: {error}") from error
-    except Exception as error:  # whatever its module raises
-        raise UsageError(f"the method {method} cannot be imported: {describe(error)}") from error
     if not (inspect.isclass(found) and issubclass(found, Curiosity)) or inspect.isabstract(found):
         base = f"{Curiosity.__module__}:{Curiosity.__name__}"
         raise UsageError(f"{method} is not a subclass of {base} with a method errors")
