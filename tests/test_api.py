@@ -10,7 +10,6 @@ import pytest
 import torch
 
 import minitouch_bench as mt
-from minitouch_bench.agents.training import NO_CALLBACKS
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -18,7 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.engine import Callbacks, TrainingCallbacks
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
@@ -272,7 +271,7 @@ def test_a_set_of_objects_can_be_a_path(tmp_path):
 
 def test_a_training_s_callbacks_are_not_given_up_for_its_progress():
     with pytest.raises(UsageError, match="one of them"):
-        mt.train("pushing", progress=True, callbacks=NO_CALLBACKS)
+        mt.train("pushing", progress=True, callbacks=TrainingCallbacks())
 
 
 @pytest.mark.parametrize("task", ["playing", "pushing"])

@@ -173,9 +173,17 @@ class TrainingConfig:
                 f"which is {self.replay_size}"
             )
         if ":" not in self.method:
-            _check("method", self.method, tuple(METHODS))
+            _check("method", self.method, METHODS)
         for sense in (*self.exploration.without, *self.task_phase.without):
             _check("sense", sense, SENSES)
+
+    @property
+    def name(self) -> str:
+        """Return the usual name of its directory: TASK-METHOD[-no-SENSE]-SEED."""
+        lacking = self.exploration.without
+        senses = [f"no-{sense}" for sense in lacking]
+        senses += [f"task-no-{one}" for one in self.task_phase.without if one not in lacking]
+        return "-".join((self.task, self.method.rpartition(":")[2], *senses, str(self.seed)))
 
     @property
     def steps(self) -> int:
@@ -298,19 +306,19 @@ def read_recorded_config(path: Path) -> TrainingConfig:
         config = take_table(table, TrainingConfig, str(path))
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
-    given = _by_name(table)
-    if missing := [name for name in _by_name(asdict(config)) if name not in {*given, ADDED_LATER}]:
-        raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train again")
+    if missing := _by_name(asdict(config)).keys() - _by_name(table).keys() - {ADDED_LATER}:
+        names = ", ".join(sorted(missing))
+        raise RunDirectoryError(f"{path} lacks {names}: restore it, or train again")
     return config
 
 
 def differing_settings(recorded: TrainingConfig, asked: TrainingConfig) -> list[str]:
     """Return each setting that differs, with both values."""
-    there, wanted = _by_name(asdict(recorded)), _by_name(asdict(asked))
+    there = _by_name(asdict(recorded))
     return [
-        f"{name}: {there[name]!r} there, {value!r} asked for"
-        for name, value in wanted.items()
-        if value != there[name]
+        f"{name}: {there[name]!r} there, {wanted!r} asked for"
+        for name, wanted in _by_name(asdict(asked)).items()
+        if wanted != there[name]
     ]
 
 

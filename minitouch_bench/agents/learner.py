@@ -172,12 +172,12 @@ class Learner:
 
     def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         """Return a stochastic action, float32 (A,)."""
-        image = torch.from_numpy(observation["image"])[None].to(self.device)
-        touch = torch.from_numpy(observation["touch"])[None].to(self.device)
-        sensed = self._seen(image, self.scale.scaled(touch))
-        action = self.sac.act(*sensed, self.noise)[0]
-        array: NDArray[np.float32] = action.cpu().numpy()
-        return array
+        image, touch = (
+            torch.from_numpy(observation[sense])[None].to(self.device)
+            for sense in ("image", "touch")
+        )
+        action = self.sac.act(*self._seen(image, self.scale.scaled(touch)), self.noise)
+        return action[0].numpy(force=True)
 
     def act_at_random(self) -> NDArray[np.float32]:
         """Return a uniformly random action, float32 (A,)."""
@@ -309,38 +309,33 @@ class Learner:
             if sense in self.phase.without:
                 weight[:, -TOUCH_SIZE:][:, part] = 0.0
 
+    def _parts(self) -> dict[str, Any]:
+        """Return the modules and optimizers that learn; each has a ``state_dict``."""
+        parts: dict[str, Any] = {"sac": self.sac, **self.sac.optimizers}
+        if self.curiosity is not None:
+            parts |= {"curiosity": self.curiosity, "surprise": self.curiosity.optimizer}
+        if self.keypoints is not None:
+            parts["keypoints"] = self.keypoints
+        if self.explorer is not None:
+            parts["explorer"] = self.explorer
+        return parts
+
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""
-        state = {
+        return {
             "exploring": self.exploring,
-            "sac": self.sac.state_dict(),
-            "optimizers": {n: o.state_dict() for n, o in self.sac.optimizers().items()},
             "noise": self.noise.get_state(),
             "rng": self.rng.bit_generator.state,
+            "parts": {name: part.state_dict() for name, part in self._parts().items()},
         }
-        if self.curiosity is not None:
-            state["curiosity"] = self.curiosity.state_dict()
-            state["curiosity_optimizer"] = self.curiosity.optimizer.state_dict()
-        if self.keypoints is not None:
-            state["keypoints"] = self.keypoints.state_dict()
-            state["explorer"] = self.explorer and self.explorer.state_dict()
-        return state
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned."""
-        self.exploring = state["exploring"]
+        self.exploring, states = state["exploring"], state["parts"]
         self.sac.begin_phase(self.phase)
-        if "keypoints" in state:
-            explorer = state["explorer"]
-            keypoints = self._begin_keypoints(explored=explorer is not None)
-            keypoints.load_state_dict(state["keypoints"])
-            if self.explorer is not None:
-                self.explorer.load_state_dict(explorer)
-        self.sac.load_state_dict(state["sac"])
-        for name, optimizer in self.sac.optimizers().items():
-            optimizer.load_state_dict(state["optimizers"][name])
+        if "keypoints" in states:
+            self._begin_keypoints(explored="explorer" in states)
+        for name, part in self._parts().items():
+            part.load_state_dict(states[name])
         self.noise.set_state(state["noise"].cpu())
         self.rng.bit_generator.state = state["rng"]
-        if self.curiosity is not None:
-            self.curiosity.load_state_dict(state["curiosity"])
-            self.curiosity.optimizer.load_state_dict(state["curiosity_optimizer"])

@@ -4,7 +4,7 @@ import csv
 import io
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -19,7 +19,7 @@ from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.episode import Observation, Outcome
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import ignore
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 from minitouch_bench.evaluation.recording import read_episodes
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import PROGRESS_FILE, append_bytes, damage_as, read_file, write_file
@@ -99,23 +99,6 @@ class Tally:
             **evaluation,
             **{n: float(total) / counts.get(n, self.updates) for n, total in self.sums.items()},
         )
-
-
-@dataclass(frozen=True)
-class TrainingCallbacks:
-    """Functions that a training calls while it runs; each does nothing by default.
-
-    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
-    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
-    """
-
-    note: Callable[[str], None] = ignore
-    begin: Callable[[int], None] = ignore
-    row: Callable[[ProgressRow], None] = ignore
-    should_stop: Callable[[], bool] = lambda: False
-
-
-NO_CALLBACKS = TrainingCallbacks()
 
 
 class Training:

@@ -15,7 +15,7 @@ from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, differing_settings, read_recorded_config
 from minitouch_bench.agents.curiosity import digest_method
 from minitouch_bench.agents.memory import CHECKPOINT_FILE, IMAGES_FILE
-from minitouch_bench.agents.training import NO_CALLBACKS, ProgressRow, Training, TrainingCallbacks
+from minitouch_bench.agents.training import ProgressRow, Training
 from minitouch_bench.errors import (
     InvalidActionError,
     MiniTouchError,
@@ -23,7 +23,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Note
+from minitouch_bench.evaluation.engine import NO_CALLBACKS, Note, TrainingCallbacks
 from minitouch_bench.evaluation.execution import resumable
 from minitouch_bench.json_io import checked, write_toml
 from minitouch_bench.machine import require

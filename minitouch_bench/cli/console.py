@@ -8,14 +8,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.episode import Outcome, PlayedEpisode, Role
-from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.engine import Callbacks, TrainingCallbacks
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from minitouch_bench.text import printable
 
@@ -185,10 +185,10 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
+def training_progress() -> Iterator[TrainingCallbacks]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C or SIGTERM.
 
-    A second one ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
+    A second one ends it at once. Yields the functions that a training calls to be shown.
     """
     progress = _Progress(notes())
     should_stop = False
@@ -214,7 +214,7 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
     before = {number: signal.signal(number, interrupt) for number in stops}
     begin = partial(progress.begin, "training")
     try:
-        yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
+        yield TrainingCallbacks(note, begin, show, lambda: should_stop)
     finally:
         progress.end()
         for number, handler in before.items():

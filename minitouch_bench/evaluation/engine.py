@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import (
@@ -63,6 +63,24 @@ class Callbacks:
 
 
 SILENT = Callbacks()
+
+
+@dataclass(frozen=True)
+class TrainingCallbacks:
+    """Functions that a training calls while it runs; each does nothing by default.
+
+    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
+    takes each row of ``progress.csv``, a ``ProgressRow``. ``should_stop`` is asked before each
+    control step.
+    """
+
+    note: Callable[[str], None] = ignore
+    begin: Callable[[int], None] = ignore
+    row: Callable[[Any], None] = ignore
+    should_stop: Callable[[], bool] = lambda: False
+
+
+NO_CALLBACKS = TrainingCallbacks()
 
 
 def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:

@@ -19,7 +19,7 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
-from minitouch_bench.policies.formats import FORMATS
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import (
     SANDBOXED,
     TO_REMEMBER,
@@ -156,6 +156,11 @@ def prepare_policies(
             raise UsageError("--name is empty: reports need a name of the policy")
         source = replace(source, name=name)
     explorer = None
+    if isinstance(exploration, str) and exploration in BUILT_IN:
+        raise UsageError(
+            f"--exploration is a policy that a training has explored with, which '{exploration}' "
+            "is not: leave it out"
+        )
     if exploration is not None:
         goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
         if not goals:

@@ -228,23 +228,6 @@ class Run:
         return (Role.FINAL, self.rows), (Role.EXPLORATION, self.exploration_rows)
 
     @cached_property
-    def actions_content(self) -> bytes:
-        """The bytes of ``actions.npz``.
-
-        Raises:
-            UnreadableFileError: the file cannot be read.
-        """
-        path = self._path(files.ACTIONS_FILE)
-        if (path.parent / files.PACKED_RUN_FILE).exists():
-            words = ("minitouch-bench evaluate", self.header.policy.source, *self.plan.as_options())
-            raise UnreadableFileError(
-                f"{path.parent} is kept without its actions; the checkpoint gives them again: "
-                f"{' '.join(words)}"
-            )
-        with files.os_errors_as(UnreadableFileError, path, "read"):
-            return files.read_file(path, files.LARGEST_ACTIONS)
-
-    @cached_property
     def actions(self) -> Mapping[str, Actions]:
         """The recorded actions by episode, as in "pushing/17", float32 (T, A) each.
 
@@ -253,9 +236,16 @@ class Run:
         """
         if self.directory is None:
             return self.kept_actions
-        return parse_actions(
-            self.actions_content, self.header.specs(), str(self._path(files.ACTIONS_FILE))
-        )
+        path = self.directory / files.ACTIONS_FILE
+        if (path.parent / files.PACKED_RUN_FILE).exists():
+            words = ("minitouch-bench evaluate", self.header.policy.source, *self.plan.as_options())
+            raise UnreadableFileError(
+                f"{path.parent} is kept without its actions; the checkpoint gives them again: "
+                f"{' '.join(words)}"
+            )
+        with files.os_errors_as(UnreadableFileError, path, "read"):
+            content = files.read_file(path, files.LARGEST_ACTIONS)
+        return parse_actions(content, self.header.specs(), str(path))
 
     def actions_of(self, key: str) -> Actions:
         """Return the recorded actions of the episode called ``key``.
@@ -264,13 +254,8 @@ class Run:
             RunDirectoryError: they are missing, or the file is missing or damaged.
         """
         if key not in self.actions:
-            raise RunDirectoryError(f"{self._path(files.ACTIONS_FILE)} has no actions of {key}")
+            raise RunDirectoryError(f"{self.place} has no actions of {key}")
         return self.actions[key]
-
-    def _path(self, name: str) -> Path:
-        if self.directory is None:
-            raise UnreadableFileError(f"{self.name} is kept in memory: it has no {name}")
-        return self.directory / name
 
     def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, Episode]]:
         """Walk through the episodes of the plan with the row of each."""

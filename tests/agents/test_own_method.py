@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.agents.config import read_recorded_config
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 from minitouch_bench.json_io import write_toml
 from tests.agents.test_training import outcome
 from tests.agents.trainings import CONFIG

@@ -13,9 +13,10 @@ from minari.dataset.minari_storage import MinariStorage
 import minitouch_bench as mt
 from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
-from minitouch_bench.agents.training import TrainingCallbacks, fill_from_dataset
+from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 from tests.agents.trainings import CONFIG
 
 LENGTHS = (4, 7)

@@ -12,9 +12,9 @@ import minitouch_bench as mt
 from minitouch_bench.agents import training
 from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.curiosity import CURIOSITIES
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 from minitouch_bench.policies.native import load_native, save_native
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import TRAINED_FILE

@@ -11,7 +11,6 @@ import torch
 from minitouch_bench import files
 from minitouch_bench.agents import memory, training
 from minitouch_bench.agents.config import PhaseConfig
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -19,6 +18,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 from tests.shapegen.conftest import subset

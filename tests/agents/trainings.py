@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
+from minitouch_bench.evaluation.engine import TrainingCallbacks
 
 CONFIG = TrainingConfig(
     "pushing",

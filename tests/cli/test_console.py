@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from minitouch_bench.agents.training import COLUMNS, ProgressRow, TrainingCallbacks
+from minitouch_bench.agents.training import COLUMNS, ProgressRow
 from minitouch_bench.cli import console
 from minitouch_bench.cli.console import episode_progress
 from minitouch_bench.episode import EpisodeSpec, Role
@@ -82,8 +82,7 @@ def each_line(monkeypatch):
 
 @pytest.mark.usefixtures("each_line")
 def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
-    with console.training_progress() as shown:
-        callbacks = TrainingCallbacks(**shown)
+    with console.training_progress() as callbacks:
         callbacks.begin(2000)
         row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
         callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))
