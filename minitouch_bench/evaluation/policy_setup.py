@@ -39,9 +39,6 @@ from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
-END_OF_RECORDING = "the recorded actions end before the episode does"
-"""The fault of a replayed episode that its policy broke off."""
-
 
 class RecordedPolicy:
     """Repeats the actions of each episode, by its task and seed, and fails where they end early."""
@@ -59,12 +56,13 @@ class RecordedPolicy:
         """Return the next action.
 
         Raises:
-            PolicyFaultError: there is none.
+            PolicyFaultError: there is none: in the recorded run the policy broke off here.
         """
         try:
             return next(self._rest)
         except StopIteration:
-            raise PolicyFaultError(END_OF_RECORDING) from None
+            text = "the recorded actions end before the episode does"
+            raise PolicyFaultError(text) from None
 
 
 @dataclass(frozen=True)
@@ -176,11 +174,7 @@ def prepare_policies(
 
 
 def _find_policy(
-    policy: object,
-    tasks: tuple[str, ...],
-    isolation: IsolationOptions,
-    note: Note,
-    role: Role,
+    policy: object, tasks: tuple[str, ...], isolation: IsolationOptions, note: Note, role: Role
 ) -> PolicySource:
     if isinstance(policy, PolicySource):
         source = policy
