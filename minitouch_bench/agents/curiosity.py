@@ -240,16 +240,13 @@ class InverseDynamics(Curiosity):
         then = self.encode(self.encoder, batch.next_image)
         guessed = self.inverse(torch.cat((now, then), dim=1))
         inverse = functional.mse_loss(guessed, batch.action)
-        surprise = self._forward_errors(batch, now.detach(), then.detach())
-        return Errors(surprise, inverse + surprise.mean())
-
-    def _forward_errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
+        now, then = now.detach(), then.detach()
         if self.uses_touch:
             now = torch.cat((now, batch.touch), dim=1)
             then = torch.cat((then, batch.next_touch), dim=1)
         predicted = self.forward_model(torch.cat((now, batch.action), dim=1))
-        errors: Tensor = (predicted - then).square().mean(dim=1)
-        return errors
+        surprise = (predicted - then).square().mean(dim=1)
+        return Errors(surprise, inverse + surprise.mean())
 
 
 class TouchInverseDynamics(InverseDynamics):
@@ -312,10 +309,11 @@ class RandomDistillation(Curiosity):
         self.target_maps = _convolutions(config.width).requires_grad_(False)
         flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
-        target_head: nn.Module = nn.Linear(inputs, DISTILLED)
+        self.target_head: nn.Module = nn.Linear(inputs, DISTILLED)
         if self.uses_touch:  # no convolution sees it: one layer alone would map it linearly
-            target_head = nn.Sequential(target_head, nn.ReLU(), nn.Linear(DISTILLED, DISTILLED))
-        self.target_head = target_head.requires_grad_(False)
+            deeper = nn.ReLU(), nn.Linear(DISTILLED, DISTILLED)
+            self.target_head = nn.Sequential(self.target_head, *deeper)
+        self.target_head.requires_grad_(False)
         self.maps = _convolutions(config.width)
         self.hidden = nn.Sequential(
             nn.Linear(inputs, DISTILLED),

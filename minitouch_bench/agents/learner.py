@@ -69,18 +69,14 @@ class TouchScale:
     half: Tensor
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "TouchScale":
+    def of(cls, workspace: Workspace, device: torch.device) -> "TouchScale":
         """Map the workspace and the openings to -1 ... 1 and FORCE_SCALE to 1."""
         center, half = torch.zeros(TOUCH_SIZE), torch.ones(TOUCH_SIZE)
         low, high = torch.tensor(workspace.low), torch.tensor(workspace.high)
         center[POSITION], half[POSITION] = (low + high) / 2, (high - low) / 2
         center[OPENINGS], half[OPENINGS] = 0.5, 0.5
         half[FORCES] = FORCE_SCALE
-        return cls(center, half)
-
-    def to(self, device: torch.device) -> "TouchScale":
-        """Return the same scale on a device."""
-        return TouchScale(self.center.to(device), self.half.to(device))
+        return cls(center.to(device), half.to(device))
 
     def scaled(self, touch: Tensor) -> Tensor:
         """Return touch float32 (N, 11) as the networks see it."""
@@ -89,9 +85,9 @@ class TouchScale:
     @torch.no_grad()
     def fold_into(self, actor: TouchActor) -> None:
         """Change an actor on scaled touch into one on touch as the environment gives it."""
-        weight, bias = actor.first_layer.weight, actor.first_layer.bias
-        weight[:, -TOUCH_SIZE:] /= self.half
-        bias.sub_(weight[:, -TOUCH_SIZE:] @ self.center)
+        weight = actor.first_layer.weight[:, -TOUCH_SIZE:]
+        weight /= self.half.to(weight.device)
+        actor.first_layer.bias.sub_(weight @ self.center.to(weight.device))
 
 
 class Learner:
@@ -106,16 +102,15 @@ class Learner:
         self.exploring = config.exploration_steps > 0
         self.keypoints: Keypoints | None = None
         self.explorer: Sac | None = None
+        self.curiosity: Curiosity | None = None
         with _weights_drawn_from(config.seed):
             self.sac = Sac(sac, action_size=spec.action_size)
-            self.curiosity: Curiosity | None = None
             if config.method != "sac":
                 self.curiosity = find_curiosity(config.method)(curiosity, spec.action_size)
+                _arrange(self.curiosity, device)
+                self.curiosity.begin()
         _arrange(self.sac, device)
-        if self.curiosity is not None:
-            _arrange(self.curiosity, device)
-            self.curiosity.begin()
-        self.scale = TouchScale.of(spec.workspace).to(device)
+        self.scale = TouchScale.of(spec.workspace, device)
         self.sac.begin_phase(self.phase)
         self.noise = torch.Generator(device).manual_seed(config.seed)
         self.rng = np.random.default_rng(config.seed)
@@ -199,7 +194,7 @@ class Learner:
         Returns:
             The losses and other curves of the step, as scalars.
         """
-        batch, losses, prior = self._batch(memory), dict[str, Tensor](), None
+        batch, losses = self._batch(memory), dict[str, Tensor]()
         if self.exploring and self.curiosity is not None:
             errors = self.curiosity.update(batch)
             reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
@@ -207,8 +202,7 @@ class Learner:
         else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-        if self.explorer is not None:
-            prior = batch.image[:, KEYPOINT_FEATURES:]
+        prior = None if self.explorer is None else batch.image[:, KEYPOINT_FEATURES:]
         return losses | self.sac.update(
             self._sensed_batch(batch), reward, self.noise, step, prior=prior, fitting=fitting
         )
@@ -225,13 +219,12 @@ class Learner:
 
     def _seen(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
         """Return images, or in a task phase keypoints, and scaled touch as the policy sees them."""
-        if self.keypoints is not None:
-            if self._is_blind:
-                image = touch.new_zeros((len(touch), KEYPOINT_FEATURES))
-            else:
-                _, felt = self._sensed(image, touch)
-                image = self.keypoints.encode(image, felt)
-        return self._sensed(image, touch)
+        image, touch = self._sensed(image, touch)
+        if self.keypoints is not None and self._is_blind:
+            image = touch.new_zeros((len(touch), KEYPOINT_FEATURES))
+        elif self.keypoints is not None:
+            image = self.keypoints.encode(image, touch)
+        return image, touch
 
     def _sensed(
         self, image: Tensor, touch: Tensor, phase: PhaseConfig | None = None
@@ -291,7 +284,7 @@ class Learner:
         actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
         actor.load_state_dict(learned | self.sac.actor.state_dict())
         self._fold_constants(actor)
-        self.scale.to(torch.device("cpu")).fold_into(actor)
+        self.scale.fold_into(actor)
         return actor.half().float()
 
     @torch.no_grad()

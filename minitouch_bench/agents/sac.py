@@ -127,10 +127,8 @@ class Sac(nn.Module):
         values. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
-        image, next_image = (
-            shift_at_random(image, self.config.shift, generator)
-            for image in (batch.image, batch.next_image)
-        )
+        image = shift_at_random(batch.image, self.config.shift, generator)
+        next_image = shift_at_random(batch.next_image, self.config.shift, generator)
         features = self._encode(self.encoder, image)
 
         with torch.no_grad():

@@ -183,7 +183,7 @@ WORKSPACE = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
 
 
 def test_the_workspace_spans_minus_one_to_one():
-    scale = TouchScale.of(WORKSPACE)
+    scale = TouchScale.of(WORKSPACE, torch.device("cpu"))
     corners = torch.tensor([[*WORKSPACE.low, 0, 0, *[-10] * 6], [*WORKSPACE.high, 1, 1, *[10] * 6]])
     expected = torch.tensor([[-1.0] * 11, [1.0] * 11])
     torch.testing.assert_close(scale.scaled(corners), expected)
