@@ -2,14 +2,12 @@
 
 import csv
 import io
-import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
-import msgspec
 import numpy as np
 import torch
 from torch import Tensor
@@ -22,7 +20,7 @@ from minitouch_bench.errors import InvalidActionError, RunDirectoryError, UsageE
 from minitouch_bench.evaluation.engine import TrainingCallbacks
 from minitouch_bench.evaluation.recording import read_episodes
 from minitouch_bench.evaluation.rollout import run_episode
-from minitouch_bench.files import PROGRESS_FILE, append_bytes, damage_as, read_file, write_file
+from minitouch_bench.files import PROGRESS_FILE, os_errors_as, write_file
 from minitouch_bench.policies.native import NativePolicy, save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
@@ -33,14 +31,12 @@ from minitouch_bench.tasks.environment import MiniTouchEnv
 EVALUATION_SUITE = "training"
 """Seeds the episodes of a training's evaluations; no suite has this name."""
 
-Phase = Literal["exploration", "task"]
-PHASES: tuple[Phase, ...] = get_args(Phase)
-
 
 @dataclass(frozen=True, kw_only=True)
 class ProgressRow:
     """The control steps since the row before; None where there is nothing to tell.
 
+    ``phase``: "exploration" or "task".
     ``intrinsic_reward``: mean over the batches, as learned from; ``task_reward``: the task's
     own, per control step; ``touch_share``: share of control steps in contact; ``force``: mean over
     control steps of the larger of the two fingers' forces, N; ``success``:
@@ -50,7 +46,7 @@ class ProgressRow:
     """
 
     step: int
-    phase: Phase
+    phase: str
     episodes: int
     intrinsic_reward: float | None = None
     task_reward: float | None = None
@@ -87,7 +83,7 @@ class Tally:
             self.sums[name] = self.sums.get(name, 0.0) + value
 
     def row(
-        self, step: int, phase: Phase, evaluation: Mapping[str, float], seconds: float
+        self, step: int, phase: str, evaluation: Mapping[str, float], seconds: float
     ) -> ProgressRow:
         """Return the row that these sums make, with the fields that an evaluation gives."""
         counts = {"success": self.episodes, **dict.fromkeys(STEP_COLUMNS, self.steps)}
@@ -124,6 +120,7 @@ class Training:
         self._files = CheckpointFiles(directory)
         self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
         self._tally = Tally()
+        self._rows: list[ProgressRow] = []
         self._observation: Observation
         self._episode = -1
         self._seconds = 0.0
@@ -147,7 +144,7 @@ class Training:
         else:
             self._begin()
         if not fresh:
-            cut_rows(self._directory / PROGRESS_FILE, self.step)
+            self._write_rows()
 
     def run(self, callbacks: TrainingCallbacks) -> bool:
         """Train to the end and return True, or False where it was asked to stop before.
@@ -173,6 +170,22 @@ class Training:
             self._keep_records()
         self._finish()
         return True
+
+    def _write_rows(self) -> None:
+        """Write ``progress.csv`` whole, so without rows after the checkpoint; none has no file.
+
+        Raises:
+            RunDirectoryError: there is no room, or no permission.
+        """
+        file, text = self._directory / PROGRESS_FILE, io.StringIO()
+        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(asdict, self._rows))
+        if self._rows:
+            write_file(file, text.getvalue())
+        else:
+            with os_errors_as(RunDirectoryError, file, "removed"):
+                file.unlink(missing_ok=True)
 
     def _begin(self) -> None:
         if self.config.dataset:
@@ -259,9 +272,10 @@ class Training:
 
     def _write_row(self, *, is_evaluated: bool) -> None:
         evaluation = self._evaluate() if is_evaluated else {}
-        phase = PHASES[0 if self._learner.exploring else 1]
+        phase = "exploration" if self._learner.exploring else "task"
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
-        append_row(self._directory / PROGRESS_FILE, row)
+        self._rows.append(row)
+        self._write_rows()
         self._callbacks.row(row)
         self._tally = Tally()
 
@@ -302,6 +316,7 @@ class Training:
             "episode": self._episode,
             "seconds": self._elapsed(),
             "tally": vars(self._tally),
+            "rows": [asdict(row) for row in self._rows],
             "learner": self._learner.state(),
             "objects": self._objects,
         }
@@ -323,6 +338,7 @@ class Training:
             self.step, self._episode = state["step"], state["episode"]
             self._seconds = state["seconds"]
             vars(self._tally).update(state["tally"])
+            self._rows = [ProgressRow(**row) for row in state["rows"]]
             self._learner.load_state(state["learner"])
         if self._is_from_dataset:
             return
@@ -357,53 +373,3 @@ def fill_from_dataset(memory: ReplayMemory, path: Path, action_size: int) -> Non
             f"{path} contains {memory.rows:,} observations, the memory {memory.capacity:,}: set a "
             "larger replay_size"
         )
-
-
-# Rows
-
-
-def append_row(path: Path, row: ProgressRow) -> None:
-    """Add a row to a CSV file, with the names of the columns above the first.
-
-    Raises:
-        RunDirectoryError: there is no room, or no permission.
-    """
-    append_bytes(path, _as_csv([row], names=not os.path.lexists(path)).encode())
-
-
-def cut_rows(path: Path, step: int) -> None:
-    """Drop the rows after a step, which will be written again, and the file with the last row.
-
-    Raises:
-        RunDirectoryError: the file cannot be read, or has a line that is not a row.
-    """
-    if not os.path.lexists(path):
-        return
-    advice = "restore it, or remove it to resume without its rows"
-    with damage_as(RunDirectoryError, f"{path} cannot be read ({advice})"):
-        kept = [row for row in _read_rows(path) if row.step <= step]
-    if kept:
-        write_file(path, _as_csv(kept, names=True))
-    else:
-        path.unlink()
-
-
-def _as_csv(rows: Iterable[ProgressRow], *, names: bool) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    if names:
-        writer.writeheader()
-    writer.writerows(map(asdict, rows))
-    return text.getvalue()
-
-
-def _read_rows(path: Path) -> list[ProgressRow]:
-    """Return the rows of a CSV file; what a kill left of the last one is passed over."""
-    whole, _, _ = read_file(path).decode().rpartition("\n")
-    table = csv.DictReader(io.StringIO(whole))
-    if whole and table.fieldnames != [*COLUMNS]:
-        raise ValueError("its first line does not name the columns")
-    return [
-        msgspec.convert({n: v for n, v in row.items() if v}, ProgressRow, strict=False)
-        for row in table
-    ]

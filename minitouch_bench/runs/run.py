@@ -219,9 +219,9 @@ class Run:
 
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"
-        policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
         faults = f", policy faults: {len(self.faults)}" if self.faults else ""
-        return f"<Run of {policy} on {suite}, {label}{faults}: {tasks}>"
+        what = f"{self.header.policy.name} on {self.plan.suite}, {label}{faults}"
+        return f"<Run of {what}: {', '.join(self.tasks)}>"
 
     def by_role(self) -> tuple[tuple[Role, tuple[Episode, ...]], ...]:
         """Return the rows of each role, the final policy's first."""
@@ -290,12 +290,11 @@ def make_run(
     }
     episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
     estimates = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
-    summary = with_curves(estimates, records)
     return Run(
         digest=run_digest(header, episodes, exploration),
         header=header,
         environment=environment,
-        summary=summary,
+        summary=with_curves(estimates, records),
         faults={record.spec.key: record.fault for record in records if record.fault},
         rows=episodes,
         exploration_rows=exploration,
@@ -368,7 +367,7 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
         if unknown := sorted(named[what].difference(known)):
             raise RunDirectoryError(f"{files.RUN_FILE}: this version has no {what} {unknown[0]!a}")
     return Run(
-        document.digest, document.header, document.environment, document.summary, document.faults,
+        document.digest, document.header, document.environment, summary, document.faults,
         document.episodes, document.exploration_episodes, name, directory, content,
     )  # fmt: skip
 

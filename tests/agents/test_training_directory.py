@@ -1,6 +1,5 @@
 """What a training finds in its directory: nothing is replaced, nothing outside it is written."""
 
-import math
 import pickle
 import shutil
 from dataclasses import replace
@@ -172,47 +171,6 @@ def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
     assert not (tmp_path / "run" / "final.safetensors").exists()
 
 
-def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
-    file = tmp_path / "progress.csv"
-    row = training.Tally().row(5, "task", {}, 1.0)
-    training.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
-    before = file.read_bytes()
-    training.cut_rows(file, 5)
-    assert file.read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("success", "won"),
-        (",task,", ",play,"),
-        ("1.0\n", "1.0,2.0\n"),
-        ("5,", "inf,"),
-        ("\n5,", "\n,"),
-    ],
-)
-def test_rows_that_somebody_edited_are_refused_before_the_training_goes_on(tmp_path, old, new):
-    file = tmp_path / "progress.csv"
-    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
-    text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(RunDirectoryError, match=r"progress\.csv"):
-        training.cut_rows(file, 5)
-
-
-def test_a_part_of_a_row_is_cut(tmp_path):
-    file = tmp_path / "progress.csv"
-    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
-    whole = file.read_text()
-    file.write_text(whole + "10,ta")
-    training.cut_rows(file, 10)
-    assert file.read_text() == whole
-    file.write_text(whole[:9])
-    training.cut_rows(file, 10)
-    assert not file.exists()
-
-
 LONGER = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=CONFIG.task_phase.steps + 5))
 
 
@@ -250,24 +208,20 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 # A full disk
 
 
-@pytest.mark.parametrize(
-    "place", [(memory, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
-)
+@pytest.mark.parametrize(("module", "kept"), [(memory, 0), (training, 4)])
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
-    undisturbed, tmp_path, monkeypatch, place
+    undisturbed, tmp_path, monkeypatch, module, kept
 ):
-    """``kept``: the step of the last checkpoint; there is one at every seventh step."""
-    module, name, kept = place
-    write, calls = getattr(module, name), []
+    """``kept``: files written before; a checkpoint at every seventh step, a row at every fifth."""
+    write, calls = module.write_file, []
 
     def fill(path, content):
         calls.append(path)
-        # A row is written at every fifth step: after step 21 the fifth is the next.
-        if len(calls) > (kept // 7 if name == "write_file" else kept // 5):
+        if len(calls) > kept:
             raise RunDirectoryError(f"{path} cannot be written: No space left on device")
         write(path, content)
 
-    monkeypatch.setattr(module, name, fill)
+    monkeypatch.setattr(module, "write_file", fill)
     with pytest.raises(InfrastructureError) as full:
         run_training(CONFIG, tmp_path / "run", device="cpu")
     reason, advice = str(full.value).splitlines()
@@ -315,12 +269,11 @@ def flipped(content):
         ("checkpoint.pt", flipped),
         ("replay.bin", lambda content: content[:-10]),
         ("replay.bin", flipped),
-        ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
     ],
 )
 def test_a_damaged_checkpoint_is_named(prepared, name, damage):
     (prepared / name).write_bytes(damage((prepared / name).read_bytes()))
-    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
+    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt"):
         run_training(CONFIG, prepared, resume=True, device="cpu")
 
 

@@ -54,16 +54,6 @@ def test_resuming_gives_the_same_run(finished, tmp_path, count):
     assert (tmp_path / ACTIONS_FILE).read_bytes() == (directory / ACTIONS_FILE).read_bytes()
 
 
-def test_damaged_episodes_are_played_again(finished, tmp_path):
-    done, directory = finished
-    lines = (directory / JOURNAL_FILE).read_bytes().split(b"\n")
-    lines[2], lines[4] = b"torn", lines[4][:-1]
-    (tmp_path / JOURNAL_FILE).write_bytes(b"\n".join(lines))
-    opened = open_run(header_of(request()), tmp_path, resume=True, fresh=False)
-    assert len(opened.records) == 4
-    assert digests(run(request(), tmp_path, resume=True)) == digests(done)
-
-
 @pytest.mark.parametrize(
     ("other", "difference"),
     [
