@@ -82,14 +82,15 @@ def run_training(
     keep_freed_memory()
     with files.lock_directory(directory), _own_settings(), _own_faults(config.method):
         config = replace(config, method_digest=digest_method(config.method))
-        _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
+        known = _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         callbacks.begin(config.steps)
         with closing(Training(config, directory, chosen)) as training:
             training.start(fresh=fresh)
             if fresh:  # nothing can be refused any more
                 _remove_training(directory)
             with resumable(directory):
-                _keep_policy(config, directory)
+                if known is not None and config.is_longer_than(known):
+                    _keep_policy(directory, known.steps)
                 files.write_file(directory / CONFIG_FILE, write_toml(config))
                 with _events_written(directory, callbacks) as watched:
                     return _run(training, directory, watched)
@@ -197,8 +198,10 @@ def choose_device(name: str) -> torch.device:
 
 def _check_directory(
     config: TrainingConfig, directory: Path, note: Note, *, resume: bool, fresh: bool
-) -> None:
+) -> TrainingConfig | None:
     """See that a directory is empty, or that the training in it is the one to resume or replace.
+
+    Returns the settings of the training to resume, None where there is none.
 
     Raises:
         RunDirectoryError: the directory contains anything and neither ``resume`` nor ``fresh`` was
@@ -208,8 +211,7 @@ def _check_directory(
     entries = files.entries_of(directory)
     is_training = CONFIG_FILE in entries
     if is_training and resume:
-        _check_same(config, directory, is_over=TRAINED_FILE in entries)
-        return
+        return _check_same(config, directory, is_over=TRAINED_FILE in entries)
     if is_training and fresh:
         entries = [n for n in entries if not any(fnmatch(n, one) for one in TRAINING_FILES)]
         advice = "That is not of the training: move it away, or choose another --output"
@@ -223,10 +225,15 @@ def _check_directory(
         raise RunDirectoryError(f"{directory} is not empty: {first}.\n{advice}")
     if resume:
         note(f"{directory} contains no training yet: one is started")
+    return None
 
 
-def _check_same(config: TrainingConfig, directory: Path, *, is_over: bool) -> None:
-    """Refuse to resume a training with other settings, or one ``is_over`` without checkpoint."""
+def _check_same(config: TrainingConfig, directory: Path, *, is_over: bool) -> TrainingConfig:
+    """Return the settings of the training to resume.
+
+    Raises:
+        RunDirectoryError: they are others, or the training ``is_over`` and has no checkpoint.
+    """
     known = read_recorded_config(directory / CONFIG_FILE)
     if config != known and not config.is_longer_than(known):
         raise RunDirectoryError(
@@ -240,6 +247,7 @@ def _check_same(config: TrainingConfig, directory: Path, *, is_over: bool) -> No
             f"{directory} has a finished training without its checkpoint: it cannot go on.\n"
             "Replace it with --fresh, or choose another --output"
         )
+    return known
 
 
 def _remove_training(directory: Path) -> None:
@@ -254,12 +262,8 @@ def _remove_training(directory: Path) -> None:
                 file.unlink()
 
 
-def _keep_policy(config: TrainingConfig, directory: Path) -> None:
+def _keep_policy(directory: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
     file = directory / TRAINED_FILE
-    if not os.path.lexists(file):
-        return
-    known = read_recorded_config(directory / CONFIG_FILE)
-    if config.is_longer_than(known):
-        with files.os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_name(KEPT_FILE.format(known.steps)))
+    with files.os_errors_as(RunDirectoryError, file, "renamed"), suppress(FileNotFoundError):
+        file.rename(file.with_name(KEPT_FILE.format(steps)))
