@@ -15,6 +15,7 @@ import pandas as pd
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, check_lock, default_output, finished_cells, read_design
+from experiments.played import played_rows
 from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
@@ -29,7 +30,7 @@ from minitouch_bench.reporting.labels import (
 )
 
 STUDIES = Path(__file__).parent
-"""Where each stored study has a folder: ``design.toml``, rows, report and figures."""
+"""Where each study has a folder: ``design.toml``, and once it is trained rows, report, figures."""
 
 POINT = ["task", "exploration_steps", "method", "suite", "conditions", "metric"]
 """What has one value per training seed."""
@@ -72,6 +73,11 @@ class Results:
     joined: pd.DataFrame
 
 
+def stored_studies() -> list[Path]:
+    """Return the folders of the studies that have rows."""
+    return sorted(file.parent for file in STUDIES.glob("*/trainings.csv"))
+
+
 def write_results(design: Mapping[str, Any], directory: Path) -> None:
     """Write ``report.md``, ``claims.csv`` and the figures of an experiment into its directory."""
     results = analyze(design, directory)
@@ -84,8 +90,14 @@ def write_results(design: Mapping[str, Any], directory: Path) -> None:
 
 
 def read_rows(directory: Path, name: str) -> pd.DataFrame:
-    """Read one of the CSV files of an experiment; NaN only in the curves."""
-    return pd.read_csv(directory / f"{name}.csv", keep_default_na=name == "curves")
+    """Read one of the CSV files of an experiment; NaN only in the curves.
+
+    Episodes and estimates that are not there are those of the leaderboard.
+    """
+    file = directory / f"{name}.csv"
+    if name in ("episodes", "estimates") and not file.exists():
+        return played_rows(directory)[name]
+    return pd.read_csv(file, keep_default_na=name == "curves")
 
 
 def analyze(design: Mapping[str, Any], directory: Path) -> Results:
@@ -363,7 +375,7 @@ def main() -> None:
     parser.add_argument("directory", type=Path, nargs="?", help="default: reports/studies/NAME")
     given = parser.parse_args()
     if given.design is None:
-        pairs = [(file, file.parent) for file in sorted(STUDIES.glob("*/design.toml"))]
+        pairs = [(folder / "design.toml", folder) for folder in stored_studies()]
     else:
         pairs = [(given.design, given.directory or default_output(given.design))]
     for file, directory in pairs:

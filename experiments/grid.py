@@ -6,8 +6,10 @@ CSV files of the experiment, from which ``experiments.analysis`` makes tables an
 """
 
 import argparse
+import fcntl
 import hashlib
 import os
+import shutil
 import signal
 import sys
 import tomllib
@@ -31,7 +33,7 @@ KEY = ["task", "method", "training_seed", "exploration_steps"]
 FILES = ("episodes", "estimates", "curves", "trainings")
 """The CSV files of an experiment; a cell is finished once it is in the last one."""
 
-SAME_IN_ALL = ("arms", "preset", "settings", "episodes")
+SAME_IN_ALL = ("arms", "preset", "settings", "episodes", "explore_once")
 """What may not change between two starts, because unlike trainings would be mixed; nor may the
 ``task_steps`` of a task."""
 
@@ -92,9 +94,15 @@ def cells_of(design: Mapping[str, Any]) -> list[Cell]:
     ]
 
 
+def arm_of(design: Mapping[str, Any], cell: Cell) -> dict[str, Any]:
+    """Return an arm: its method, and the senses that it lacks in both phases or in the last."""
+    senses = {"without": [], "task_without": []}
+    return {"method": cell.method, **senses, **design.get("arms", {}).get(cell.method, {})}
+
+
 def evaluations_of(design: Mapping[str, Any], cell: Cell) -> dict[str, dict[str, Any]]:
     """Return the options of ``mt.evaluate`` for each run of a cell, by directory."""
-    suites = in_task(design, cell.task).get("suites", ["table4"])
+    suites = {**in_task(design, cell.task), **arm_of(design, cell)}.get("suites", ["table4"])
     suites = sorted(suites, key=lambda suite: suite != "table4")  # the first run is the main one
     asked = {suite: {"suite": suite, "episodes": design.get("episodes")} for suite in suites}
     for one in design.get("conditions", []):
@@ -116,7 +124,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     """Train and evaluate what is missing of a cell; return its rows of each CSV file."""
     place = output / cell.name
     final, explored = place / "final.safetensors", place / "exploration.safetensors"
-    arm = {"method": cell.method, "without": [], **design.get("arms", {}).get(cell.method, {})}
+    arm = arm_of(design, cell)
     digest = design["digest"]
     if not design.get("locked") and (place / "config.toml").exists():
         digest = _recorded_design(place) or digest  # a claim or a seed may have been added since
@@ -124,16 +132,23 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
         task_steps = (
             None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
         )
+        asked = {
+            "method": arm["method"], "seed": cell.training_seed, "without": arm["without"],
+            "exploration_steps": cell.exploration_steps, "preset": design.get("preset", "default"),
+            "settings": {**design.get("settings", {}), "design": digest}, "resume": True,
+        }  # fmt: skip
+        if design.get("explore_once"):
+            _copy_exploration(cell, asked, place)
         mt.train(
-            cell.task, arm["method"], seed=cell.training_seed, without=arm["without"],
-            exploration_steps=cell.exploration_steps, task_steps=task_steps,
-            preset=design.get("preset", "default"),
-            settings={**design.get("settings", {}), "design": digest},
-            output=place, resume=True,
+            cell.task, **asked, task_steps=task_steps, task_without=arm["task_without"],
+            output=place,
         )  # fmt: skip
     runs = []
+    is_rated = (
+        cell.task != "playing" and not arm["task_without"]
+    )  # the exploration is another arm's
     for name, options in evaluations_of(design, cell).items():
-        rates_exploration = name == "table4" and cell.task != "playing" and explored.exists()
+        rates_exploration = name == "table4" and is_rated and explored.exists()
         run = mt.evaluate(
             str(final), tasks=[cell.task], name=cell.name, workers=1, resume=True,
             exploration=str(explored) if rates_exploration else None,
@@ -145,10 +160,30 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     if asked and _is_asked(asked, cell):
         for name, more in reliance_rows(final, runs[0], asked).items():
             rows[name] = pd.concat([rows[name], more])
-    for frame in rows.values():
-        for column, value in reversed([*asdict(cell).items()]):
-            frame.insert(0, column, value)
-    return rows
+    return {name: with_key(frame, cell) for name, frame in rows.items()}
+
+
+def with_key(frame: pd.DataFrame, cell: Cell) -> pd.DataFrame:
+    """Return a cell's rows with ``KEY`` in front."""
+    return pd.concat([pd.DataFrame([asdict(cell)] * len(frame), frame.index), frame], axis=1)
+
+
+def _copy_exploration(cell: Cell, asked: Mapping[str, Any], place: Path) -> None:
+    """Begin a cell with the exploration that the arms of its training seed share.
+
+    The first of them trains it; a training goes on from there with the same bits as one that was
+    never interrupted.
+    """
+    shared = place.with_name(
+        f"{cell.task}-exploration-{cell.exploration_steps}-{cell.training_seed}"
+    )
+    with open(f"{shared}.lock", "w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # the other worker may be training it
+        mt.train(cell.task, **asked, task_steps=0, output=shared)
+    if not place.exists():
+        copy = place.with_name(f"{place.name}.tmp")
+        shutil.copytree(shared, copy, dirs_exist_ok=True)
+        copy.rename(place)
 
 
 def _recorded_design(place: Path) -> str:
@@ -158,42 +193,58 @@ def _recorded_design(place: Path) -> str:
 
 def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
     """Return a cell's rows of each CSV file, without its key."""
-    progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
-    main = runs[0].header
-    training = {
-        "control_steps": progress["step"].iloc[-1],
-        "seconds": progress["seconds"].iloc[-1],
-        "final_policy": main.policy.digest,
-        "exploration_policy": main.exploration.digest if main.exploration else "",
-        "run_digests": " ".join(run.digest for run in runs),
-        "design": _recorded_design(place),
-    }
+    played = [task_rows(run, run.plan.tasks[0]) for run in runs]
+    training = {**training_row(place), "run_digests": " ".join(run.digest for run in runs)}
     return {
-        "episodes": pd.concat([_episodes(run) for run in runs]),
-        "estimates": pd.DataFrame([row for run in runs for row in _estimates(run)]),
-        "curves": progress,
+        **{name: pd.concat([one[name] for one in played]) for name in ("episodes", "estimates")},
+        "curves": read_progress(place),
         "trainings": pd.DataFrame([training]),
     }
 
 
+def read_progress(place: Path) -> pd.DataFrame:
+    """Read the curve of a training as it was written."""
+    return pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
+
+
+def training_row(place: Path) -> dict[str, str]:
+    """Return what is kept of a training: its length, its policies, its design."""
+    last = read_progress(place).iloc[-1]
+    return {
+        "control_steps": last["step"],
+        "seconds": last["seconds"],
+        "final_policy": _sha256(place / "final.safetensors"),
+        "exploration_policy": _sha256(place / "exploration.safetensors"),
+        "design": _recorded_design(place),
+    }
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.exists() else ""
+
+
+def task_rows(run: mt.Run, task: str) -> dict[str, pd.DataFrame]:
+    """Return a run's rows of ``episodes`` and ``estimates`` in one task, without a cell's key."""
+    both = {"final": run.episodes, "exploration": run.exploration_episodes}
+    frame = pd.concat([rows.assign(role=role) for role, rows in both.items() if len(rows)])
+    frame = frame[frame["task"] == task].assign(**_where(run)).drop(columns=["task", "digest"])
+    first = ["suite", "conditions", "role", "index"]
+    return {
+        "episodes": frame[[*first, *frame.columns.drop(first)]],
+        "estimates": pd.DataFrame(_estimates(run, task)),
+    }
+
+
 def _where(run: mt.Run) -> dict[str, str]:
-    plan = run.header.plan
+    plan = run.plan
     return {"suite": plan.suite, "conditions": ", ".join(plan.conditions.in_words())}
 
 
-def _episodes(run: mt.Run) -> pd.DataFrame:
-    both = {"final": run.episodes, "exploration": run.exploration_episodes}
-    frame = pd.concat([rows.assign(role=role) for role, rows in both.items() if len(rows)])
-    frame = frame.assign(**_where(run)).drop(columns=["task", "digest"])
-    first = ["suite", "conditions", "role", "index"]
-    return frame[[*first, *frame.columns.drop(first)]]
-
-
-def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
-    """Yield the estimates of a run, unchanged; also those of both splits and of their gap."""
-    summary = run.summary
-    named = [*summary.tasks[0].estimates.items()]
-    for gaps in (result.gaps for result in summary.generalization):
+def _estimates(run: mt.Run, task: str) -> Iterator[dict[str, Any]]:
+    """Yield the estimates of a task, unchanged; also those of both splits and of their gap."""
+    (result,) = (one for one in run.summary.tasks if one.task == task)
+    named = [*result.estimates.items()]
+    for gaps in (one.gaps for one in run.summary.generalization if one.task == task):
         for metric, gap in gaps.items():
             named += [
                 (f"{metric}, held-out", gap.held_out),
@@ -214,15 +265,14 @@ def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
 
 def add_rows(output: Path, cell: Cell, rows: Mapping[str, pd.DataFrame]) -> None:
     """Add a cell's rows to the CSV files; rows that it has there already are replaced."""
-    for name in FILES:
-        file = output / f"{name}.csv"
-        frame = rows[name]
+    for name, frame in rows.items():
+        file, parts = output / f"{name}.csv", [frame]
         if file.exists():
             before = pd.read_csv(file, keep_default_na=False, dtype=str)
             is_other = (before[KEY] != [str(value) for value in asdict(cell).values()]).any(axis=1)
-            frame = pd.concat([before[is_other], frame])
+            parts.insert(0, before[is_other])
         temporary = file.with_suffix(".tmp")
-        frame.to_csv(temporary, index=False)
+        pd.concat(parts).to_csv(temporary, index=False)
         temporary.replace(file)
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.analysis import STUDIES, analyze, read_rows, write_results
+from experiments.analysis import STUDIES, analyze, read_rows, stored_studies, write_results
 from experiments.claims import detectable_shift, judge_claims
 from experiments.grid import FILES, KEY, check_lock, read_design
 from experiments.touch import analysis as touch
 
-DESIGNS = {file.parent.name: file for file in sorted(STUDIES.glob("*/design.toml"))}
+DESIGNS = {folder.name: folder / "design.toml" for folder in stored_studies()}
 CLAIM = {"metric": "success", "tasks": ["pushing"], "better": "hac", "worse": ["rnd-touch", "rnd"]}
 HIGH = (0.5, 0.6, 0.7, 0.8, 0.9)
 LOW = (0.0, 0.1, 0.2, 0.3, 0.4)

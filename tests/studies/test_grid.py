@@ -1,15 +1,18 @@
 """A small grid for real: killed at any moment, it ends in the same rows."""
 
+import hashlib
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 
 import pandas as pd
 import pytest
 
+import minitouch_bench as mt
 from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
 from experiments.reliance import WORDS
 from tests.altered import ROOT
@@ -44,6 +47,28 @@ forces = ["late", "other"]
 episodes = 1
 methods = ["rnd"]
 tasks = ["opening"]
+"""
+
+SHARED = """
+tasks = ["opening"]
+methods = ["hac", "feels"]
+seeds = [0]
+exploration_steps = [60]
+explore_once = true
+episodes = 1
+
+[per_task.opening]
+task_steps = 30
+
+[arms.feels]
+method = "hac"
+task_without = ["vision"]
+
+[settings]
+random_steps = 40
+evaluate_every = 0
+sac = { batch_size = 8 }
+task_phase = { keypoint_updates = 2, fitting_updates = 2 }
 """
 
 
@@ -139,3 +164,20 @@ def test_a_training_under_way_goes_on_after_a_seed_was_added(design, tmp_path):
     design.write_text(DESIGN.replace("seeds = [0]", "seeds = [0, 1]"))
     assert run_grid(design, output, only=only) == {}
     assert [*pd.read_csv(output / "trainings.csv")["design"]] == [begun]
+
+
+def test_arms_that_share_an_exploration_learn_as_if_each_had_its_own(tmp_path):
+    """The copied exploration gives the same bits as a training that does both phases itself."""
+    file = tmp_path / "shared.toml"
+    file.write_text(SHARED)
+    assert run_grid(file, tmp_path / "out") == {}
+    trainings = pd.read_csv(tmp_path / "out" / "trainings.csv").set_index("method")
+    assert trainings["exploration_policy"].nunique() == 1
+    assert trainings["final_policy"].nunique() == 2
+    settings = tomllib.loads(SHARED)["settings"]
+    alone = mt.train(
+        "opening", "hac", seed=0, exploration_steps=60, task_steps=30, settings=settings,
+        task_without=["vision"], output=tmp_path / "alone",
+    )  # fmt: skip
+    content = (alone / "final.safetensors").read_bytes()
+    assert hashlib.sha256(content).hexdigest() == trainings.loc["feels", "final_policy"]
