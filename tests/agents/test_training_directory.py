@@ -209,7 +209,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "kept"),
+    "place",
     [
         (files, "config.toml", 0),
         (memory, "checkpoint.pt", 0),
@@ -218,9 +218,10 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
     ],
 )
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
-    undisturbed, tmp_path, monkeypatch, module, name, kept
+    undisturbed, tmp_path, monkeypatch, place
 ):
     """``kept``: how often the file is written before."""
+    module, name, kept = place
     write, calls = module.write_file, []
 
     def fill(path, content):
