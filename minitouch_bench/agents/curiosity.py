@@ -316,10 +316,7 @@ class RandomDistillation(Curiosity):
         self.target_head.requires_grad_(False)
         self.maps = _convolutions(config.width)
         self.hidden = nn.Sequential(
-            nn.Linear(inputs, DISTILLED),
-            nn.ReLU(),
-            nn.Linear(DISTILLED, DISTILLED),
-            nn.ReLU(),
+            nn.Linear(inputs, DISTILLED), nn.ReLU(), nn.Linear(DISTILLED, DISTILLED), nn.ReLU()
         )
         self.head = nn.Linear(DISTILLED, DISTILLED)
         self.whitening = Whitening(IMAGE_SHAPE, least_deviation=1.0)

@@ -100,12 +100,7 @@ class Tally:
 class Training:
     """One training in its directory, from its first step or from its last checkpoint."""
 
-    def __init__(
-        self,
-        config: TrainingConfig,
-        directory: Path,
-        device: torch.device,
-    ) -> None:
+    def __init__(self, config: TrainingConfig, directory: Path, device: torch.device) -> None:
         self.config = config
         self._directory = directory
         limit = config.episode_steps or None

@@ -123,10 +123,7 @@ def _check_empty(directory: Path) -> None:
 
 
 def play_missing(
-    setup: PolicySetup,
-    journal: Journal,
-    engine: Engine,
-    on_record: Callable[[PlayedEpisode], None],
+    setup: PolicySetup, journal: Journal, engine: Engine, on_record: Callable[[PlayedEpisode], None]
 ) -> Run:
     """Play the episodes that are missing, and return the whole run.
 

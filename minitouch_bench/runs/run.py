@@ -26,13 +26,7 @@ from minitouch_bench.errors import RunDirectoryError, UnreadableFileError, Usage
 from minitouch_bench.json_io import read_json, write_json
 from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import (
-    Summary,
-    TaskResult,
-    measure,
-    summarize,
-    with_curves,
-)
+from minitouch_bench.metrics.summary import Summary, TaskResult, measure, summarize, with_curves
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.actions import Actions, parse_actions
 from minitouch_bench.runs.plan import Plan, first_of
@@ -305,9 +299,7 @@ def make_run(
 
 
 def run_digest(
-    header: RunHeader,
-    episodes: Iterable[Episode],
-    exploration_episodes: Iterable[Episode] = (),
+    header: RunHeader, episodes: Iterable[Episode], exploration_episodes: Iterable[Episode] = ()
 ) -> str:
     """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
 
