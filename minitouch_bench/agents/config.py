@@ -22,6 +22,9 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 Factor = Annotated[float, Meta(ge=0, le=1e9)]
 Entropy = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
+LEAST_REPLAY = 1000
+"""Observations; the memory holds a whole episode."""
+
 Width = Annotated[float, Meta(ge=1 / 32, le=1)]
 """Channels are scaled down from those of Table 3."""
 
@@ -142,9 +145,9 @@ class TrainingConfig:
     objects: str = ""
     dataset: str = ""
     design: str = ""
-    episode_steps: NotNegative = 50
+    episode_steps: Annotated[int, Meta(ge=0, lt=LEAST_REPLAY)] = 50
     random_steps: Positive = 1000
-    replay_size: Annotated[int, Meta(ge=1000)] = 1_000_000
+    replay_size: Annotated[int, Meta(ge=LEAST_REPLAY)] = 1_000_000
     log_every: Positive = 500
     evaluate_every: NotNegative = 5000
     evaluate_episodes: Annotated[int, Meta(ge=1, le=MAX_EPISODES)] = 10
@@ -167,11 +170,6 @@ class TrainingConfig:
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
-        if self.episode_steps >= self.replay_size:
-            raise UsageError(
-                f"'episode_steps' is {self.episode_steps}; it must be smaller than 'replay_size', "
-                f"which is {self.replay_size}"
-            )
         if ":" not in self.method:
             _check("method", self.method, METHODS)
         for sense in (*self.exploration.without, *self.task_phase.without):

@@ -210,8 +210,6 @@ class ReplayMemory:
         self, rng: np.random.Generator, rows: NDArray[np.int64], share: float
     ) -> None:
         """Replace the first rows by such that led to a success, as many as ``share`` lacks."""
-        if share == 0.0:
-            return
         found = np.flatnonzero(self._led_to_success[: len(self)])
         natural = len(found) / len(self)
         if 0.0 < natural < share:

@@ -65,7 +65,7 @@ def test_a_training_is_as_long_as_in_the_study_of_touch(preset):
         ({"seed": 2**64}, "seed"),
         ({"exploration": {"updates_per_step": math.nan}}, "updates_per_step"),
         ({"sac": {"batch_size": 0}}, "batch_size"),
-        ({"replay_size": 2000, "episode_steps": 2000}, "replay_size"),
+        ({"episode_steps": 2000}, "episode_steps"),
         ({"sac": {"batch": 1}}, "batch"),
         ({"seed": "x"}, "seed"),
         ({"method": "ddpg"}, "ddpg"),
