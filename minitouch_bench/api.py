@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
@@ -24,15 +24,7 @@ from minitouch_bench.comparison.methods import (
     methods_markdown,
 )
 from minitouch_bench.errors import InterruptedRunError, UsageError
-from minitouch_bench.evaluation.engine import (
-    AUTO,
-    NO_CALLBACKS,
-    SILENT,
-    Callbacks,
-    TrainingCallbacks,
-    open_engine,
-    stopping_after,
-)
+from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
 from minitouch_bench.evaluation.execution import (
     default_directory,
     header_of,
@@ -62,8 +54,6 @@ __all__ = [
     "Run", "TaskResult", "compare", "compare_methods", "evaluate", "export", "load_run", "make",
     "replay", "train",
 ]  # fmt: skip
-
-Told = TypeVar("Told", Callbacks, TrainingCallbacks)
 
 AUTO_OUTPUT = "auto"
 """Means the directory that the command line takes by default."""
@@ -167,7 +157,7 @@ def evaluate(
         limits=isolated.limits,
         objects=objects,
     )
-    with _shown(progress, callbacks, SILENT, episode_progress) as shown:
+    with _shown(progress, callbacks, episode_progress) as shown:
         told = stopping_after(stop_after, shown)
         setup = prepare_policies(
             policy, plan, isolated, told.note, exploration=exploration, name=name
@@ -191,15 +181,11 @@ def evaluate(
 
 def _shown(
     progress: bool | None,
-    callbacks: Told,
-    silent: Told,
-    bars: Callable[[], AbstractContextManager[Told]],
-) -> AbstractContextManager[Told]:
-    """Return the context of the callbacks: those given, or ``bars`` where they are to be shown.
-
-    ``silent``: the callbacks of a caller who gives none.
-    """
-    is_silent = callbacks is silent
+    callbacks: Callbacks,
+    bars: Callable[[], AbstractContextManager[Callbacks]],
+) -> AbstractContextManager[Callbacks]:
+    """Return the context of the callbacks: those given, or ``bars`` where they are to be shown."""
+    is_silent = callbacks is SILENT
     if progress and not is_silent:
         raise UsageError("progress shows what callbacks are told: give one of them")
     is_shown = (is_watched() and is_silent) if progress is None else progress
@@ -316,7 +302,7 @@ def train(
     device: str = "auto",
     trust: bool = False,
     progress: bool | None = None,
-    callbacks: TrainingCallbacks = NO_CALLBACKS,
+    callbacks: Callbacks = SILENT,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
@@ -346,7 +332,7 @@ def train(
     if task_alone and not asked.task_phase.steps:
         raise UsageError("--task-without needs a task phase, which this training has not")
     directory = TRAININGS / asked.name if output is None else Path(output)
-    with _shown(progress, callbacks, NO_CALLBACKS, training_progress) as shown:
+    with _shown(progress, callbacks, training_progress) as shown:
         is_done = run_training(
             asked,
             directory,

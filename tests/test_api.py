@@ -17,7 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Callbacks, TrainingCallbacks
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
@@ -219,7 +219,7 @@ def test_wrong_options_are_refused(option, word):
         (mt.make, {"max_steps": 300}, "max_steps"),
         (mt.make, {"objects": [3]}, "objects"),
         (mt.train, {"config": 5}, "config"),
-        (mt.train, {"progress": True, "callbacks": TrainingCallbacks()}, "one of them"),
+        (mt.train, {"progress": True, "callbacks": Callbacks()}, "one of them"),
     ],
 )
 def test_an_argument_that_there_is_not_or_of_another_type_is_refused(

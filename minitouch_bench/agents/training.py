@@ -17,7 +17,7 @@ from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.episode import Observation, Outcome
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import TrainingCallbacks
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.recording import read_episodes
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import PROGRESS_FILE, os_errors_as, write_file
@@ -141,7 +141,7 @@ class Training:
         if not fresh:
             self._write_rows()
 
-    def run(self, callbacks: TrainingCallbacks) -> bool:
+    def run(self, callbacks: Callbacks) -> bool:
         """Train to the end and return True, or False where it was asked to stop before.
 
         Raises:

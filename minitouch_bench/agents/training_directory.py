@@ -23,7 +23,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import NO_CALLBACKS, Note, TrainingCallbacks
+from minitouch_bench.evaluation.engine import SILENT, Callbacks, Note
 from minitouch_bench.evaluation.execution import resumable
 from minitouch_bench.json_io import checked, write_toml
 from minitouch_bench.machine import require
@@ -51,7 +51,7 @@ def run_training(
     fresh: bool = False,
     device: str = "auto",
     trust: bool = False,
-    callbacks: TrainingCallbacks = NO_CALLBACKS,
+    callbacks: Callbacks = SILENT,
 ) -> bool:
     """Train to the end and return True, or False where it was asked to stop before.
 
@@ -83,7 +83,7 @@ def run_training(
     with files.lock_directory(directory), _own_settings(), _own_faults(config.method):
         config = replace(config, method_digest=digest_method(config.method))
         known = _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
-        callbacks.begin(config.steps)
+        callbacks.phase("training", config.steps)
         with closing(Training(config, directory, chosen)) as training:
             training.start(fresh=fresh)
             if fresh:  # nothing can be refused any more
@@ -96,7 +96,7 @@ def run_training(
                     return _run(training, directory, watched)
 
 
-def _run(training: Training, directory: Path, callbacks: TrainingCallbacks) -> bool:
+def _run(training: Training, directory: Path, callbacks: Callbacks) -> bool:
     """Run a training, and draw its rows if there are any; False where it was asked to stop."""
     try:
         finished = training.run(callbacks)
@@ -136,7 +136,7 @@ def _own_settings() -> Iterator[None]:
 
 
 @contextmanager
-def _events_written(directory: Path, callbacks: TrainingCallbacks) -> Iterator[TrainingCallbacks]:
+def _events_written(directory: Path, callbacks: Callbacks) -> Iterator[Callbacks]:
     """Give callbacks that also write each row as TensorBoard's events, if it can be written.
 
     tensorboardX's ``SummaryWriter`` writes in a thread, which ends with a traceback and leaves the

@@ -51,36 +51,22 @@ def ignore(*_: object) -> None:
 
 @dataclass(frozen=True)
 class Callbacks:
-    """Functions that an evaluation calls while it runs; each does nothing by default.
+    """Functions that an evaluation or a training calls; each does nothing by default.
 
     ``note`` takes one line for the user. ``phase`` takes what begins now, in a word or two, and
-    its number of episodes; ``episode`` takes each episode of the phase as it ends.
+    its number of episodes, of a training that of control steps; ``episode`` takes each episode of
+    the phase as it ends. Of a training alone: ``row`` takes each row of ``progress.csv``, a
+    ``ProgressRow``; ``should_stop`` is asked before each control step.
     """
 
     note: Callable[[str], None] = ignore
     phase: Callable[[str, int], None] = ignore
     episode: Callable[[PlayedEpisode], None] = ignore
-
-
-SILENT = Callbacks()
-
-
-@dataclass(frozen=True)
-class TrainingCallbacks:
-    """Functions that a training calls while it runs; each does nothing by default.
-
-    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
-    takes each row of ``progress.csv``, a ``ProgressRow``. ``should_stop`` is asked before each
-    control step.
-    """
-
-    note: Callable[[str], None] = ignore
-    begin: Callable[[int], None] = ignore
     row: Callable[[Any], None] = ignore
     should_stop: Callable[[], bool] = lambda: False
 
 
-NO_CALLBACKS = TrainingCallbacks()
+SILENT = Callbacks()
 
 
 def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:

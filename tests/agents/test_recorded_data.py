@@ -16,7 +16,7 @@ from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
-from minitouch_bench.evaluation.engine import TrainingCallbacks
+from minitouch_bench.evaluation.engine import Callbacks
 from tests.agents.trainings import CONFIG
 
 LENGTHS = (4, 7)
@@ -157,7 +157,7 @@ def config_with_log(tmp_path, method="hac"):
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
     config = config_with_log(tmp_path)
     rows, broken = [], tmp_path / "broken"
-    shown = TrainingCallbacks(row=rows.append)
+    shown = Callbacks(row=rows.append)
     assert run_training(config, tmp_path / "run", device="cpu", callbacks=shown)
     assert [row.step for row in rows] == [5, 8, 10, 13]  # no row is of both phases
     assert [row.phase for row in rows] == ["exploration"] * 2 + ["task"] * 2
@@ -166,7 +166,7 @@ def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_p
         assert [row.touch_share is None, row.task_reward is None] == [row.phase != "task"] * 2
 
     asked = iter([False] * 7 + [True])
-    stopped = TrainingCallbacks(should_stop=lambda: next(asked))
+    stopped = Callbacks(should_stop=lambda: next(asked))
     assert not run_training(config, broken, device="cpu", callbacks=stopped)
     assert run_training(config, broken, resume=True, device="cpu", callbacks=shown)
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]

@@ -13,7 +13,7 @@ from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.curiosity import CURIOSITIES
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import TrainingCallbacks
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import TRAINED_FILE
@@ -75,7 +75,7 @@ def break_off(directory, after, *, kill=False, config=CONFIG):
             raise KilledError
         return True
 
-    watched = TrainingCallbacks(should_stop=should_stop)
+    watched = Callbacks(should_stop=should_stop)
     try:
         assert not run_training(config, directory, resume=True, device="cpu", callbacks=watched)
     except KilledError:

@@ -17,7 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import TrainingCallbacks
+from minitouch_bench.evaluation.engine import Callbacks
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 from tests.shapegen.conftest import subset
@@ -88,7 +88,7 @@ def test_a_fresh_training_replaces_one(prepared):
     config = (prepared / "config.toml").read_text()
     with pytest.raises(UsageError, match="--fresh"):
         run_training(CONFIG, prepared, resume=True, fresh=True, device="cpu")
-    stopped = TrainingCallbacks(should_stop=lambda: True)
+    stopped = Callbacks(should_stop=lambda: True)
     other = replace(CONFIG, seed=CONFIG.seed + 1)
     run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
     assert (prepared / "config.toml").read_text() != config
@@ -201,7 +201,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
         run_training(CONFIG, prepared, fresh=True, device="cpu")
     assert not (prepared / "checkpoint.pt").exists()
     monkeypatch.undo()
-    stopped = TrainingCallbacks(should_stop=lambda: True)
+    stopped = Callbacks(should_stop=lambda: True)
     assert not run_training(CONFIG, prepared, fresh=True, device="cpu", callbacks=stopped)
 
 

@@ -83,7 +83,7 @@ def each_line(monkeypatch):
 @pytest.mark.usefixtures("each_line")
 def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(capsys):
     with console.training_progress() as callbacks:
-        callbacks.begin(2000)
+        callbacks.phase("training", 2000)
         row = {"step": 500, "phase": "exploration", "touch_share": 0.25}
         callbacks.row(ProgressRow(**{**dict.fromkeys(COLUMNS), **row}))
         assert not callbacks.should_stop()
