@@ -20,7 +20,7 @@ from minitouch_bench.protocol.spec import Split
 from minitouch_bench.shapegen.body_codec import Body
 from minitouch_bench.shapegen.geometry import Points, face_normals
 from minitouch_bench.shapegen.manifest import Shape, ShapeSet, load_shape_set
-from minitouch_bench.shapegen.solids import Solid, symmetric_difference, to_mesh, to_solid
+from minitouch_bench.shapegen.solids import Solid, to_mesh, to_solid
 
 BIN, BINS = 0.0025, 48
 """Bins of the distance histogram, m: absolute, so that size counts; the last takes the rest."""
@@ -122,7 +122,7 @@ def _iou(first: Solid, turn: Points, second: Solid) -> float:
     """Return the shared share of the joint volume of two solids, the first one turned."""
     turned = first.transform(np.hstack([turn, np.zeros((3, 1))]))
     both = float(turned.volume() + second.volume())
-    differing = symmetric_difference(turned, second)
+    differing = (turned - second).volume() + (second - turned).volume()
     return (both - differing) / (both + differing)
 
 

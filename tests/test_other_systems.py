@@ -10,16 +10,10 @@ from tests.process_tree import run_python
 WITHOUT = """
 import ctypes, os, platform, socket
 platform.system = lambda: "Darwin"
-del os.pidfd_open, os.sched_getaffinity, os.waitid, socket.MSG_CMSG_CLOEXEC
+del os.pidfd_open, os.sched_getaffinity, socket.MSG_CMSG_CLOEXEC
 def killpg(group, number):
     raise PermissionError("all of it have exited")
 os.killpg = killpg
-pair = socket.socketpair
-def socketpair(family=None, kind=socket.SOCK_STREAM, *rest):
-    if kind == socket.SOCK_SEQPACKET:
-        raise OSError("Protocol not supported")
-    return pair(family, kind, *rest)
-socket.socketpair = socketpair
 class Library(ctypes.CDLL):
     def __getattr__(self, name):
         if name in ("prctl", "syscall"):

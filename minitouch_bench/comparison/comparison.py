@@ -87,8 +87,8 @@ class Comparison:
     def __str__(self) -> str:
         return tables.as_text(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
 
-    def _repr_html_(self) -> str:
-        return tables.as_html(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
+    def _repr_markdown_(self) -> str:
+        return "\n".join(tables.as_markdown(comparison_blocks(self, effect_tables.SHOWN_CHANGES)))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:

@@ -14,7 +14,7 @@ from minitouch_bench.comparison.comparison import (
 from minitouch_bench.comparison.pairing import Pairs
 from minitouch_bench.episode import Role, role_of
 from minitouch_bench.reporting import pages, tables
-from minitouch_bench.reporting.charts import Figure, series_tone
+from minitouch_bench.reporting.charts import Figure
 from minitouch_bench.reporting.labels import tasks_in_order
 from minitouch_bench.reporting.maps import EpisodePair, change_figure
 from minitouch_bench.runs.run import Run
@@ -58,7 +58,6 @@ def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
         scripts=("theme.js",),
         comparison=comparison,
         views=views,
-        tones=tuple(series_tone(index) for index in range(len(runs))),
         not_alike=effect_tables.NOT_ALIKE,
         notes=comparison_notes(),
     )

@@ -360,7 +360,7 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
 def _obstacle_of(endpoint: Endpoint, baseline: Run) -> str:
     """Say why a longer baseline cannot be made of what is here; "" where it can, or need not."""
     policies = zip(Role, baseline.header.policies(), strict=False)
-    changed = [policy for role, policy in policies if not is_still(policy, baseline.tasks, role)]
+    changed = [policy for role, policy in policies if not is_still(policy, role)]
     if not changed or endpoint.episodes_needed is None:
         return ""
     source, digest = printable(changed[0].source), changed[0].digest

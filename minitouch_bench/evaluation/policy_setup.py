@@ -19,8 +19,9 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
-from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import (
+    BUILT_IN,
+    FORMATS,
     SANDBOXED,
     TO_REMEMBER,
     Isolation,
@@ -32,7 +33,7 @@ from minitouch_bench.policies.policy import (
 from minitouch_bench.policies.policy_process import effective_level, isolate
 from minitouch_bench.policies.python_objects import keep_in_memory
 from minitouch_bench.policies.scripted import ScriptedPolicy
-from minitouch_bench.policies.sources import parse_source, trained_task
+from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.plan import Plan
@@ -179,12 +180,9 @@ def _find_policy(
     if isinstance(policy, PolicySource):
         source = policy
     elif isinstance(policy, str | Path):
-        source = parse_source(str(policy), tasks, role=role)
+        source = parse_source(str(policy), role=role)
         if Path(policy).is_dir() and Path(source.target) != Path(policy):
             note(f"{source.target} is played")
-        trained = trained_task(source)
-        if trained is not None and {*tasks} != {trained}:
-            note(f"{policy} was trained in {trained}: --tasks {trained} leaves out the other tasks")
     else:
         source = keep_in_memory(policy)
     source = replace(source, deterministic=role is Role.FINAL)

@@ -25,7 +25,7 @@ from minitouch_bench.leaderboard.submission import About, Submission
 from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
-from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.policy import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.runs.run import Run

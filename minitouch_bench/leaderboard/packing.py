@@ -19,8 +19,14 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.entry import Entry
 from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
 from minitouch_bench.policies import lerobot
-from minitouch_bench.policies.formats import BUILT_IN, FORMATS
-from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
+from minitouch_bench.policies.policy import (
+    BUILT_IN,
+    DIRECTORY,
+    FORMATS,
+    SANDBOXED,
+    IsolationOptions,
+    PolicySource,
+)
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
     CONFIG_FILE,

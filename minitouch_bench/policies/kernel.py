@@ -29,7 +29,7 @@ MAX_DESCRIPTORS = 64
 MAX_TASKS = 4096
 """Processes and threads of the user, all in all; does not bind root."""
 
-CAPSET = 126
+PRCTL, CAPSET = 157, 126
 CAPABILITY_VERSION_3 = 0x20080522
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -40,24 +40,16 @@ def system_call(number: int, *arguments: object) -> int:
     Raises:
         OSError: with the kernel's error number.
     """
-    return _checked(LIBC.syscall(ctypes.c_long(number), *_widened(arguments)))
+    widened = [ctypes.c_ulong(value) if isinstance(value, int) else value for value in arguments]
+    answer: int = LIBC.syscall(ctypes.c_long(number), *widened)
+    if answer < 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return answer
 
 
 def prctl(option: int, *arguments: object) -> int:
-    """Call ``prctl``, as ``system_call`` does."""
-    padded = (*arguments, 0, 0, 0, 0)[:4]
-    return _checked(LIBC.prctl(ctypes.c_int(option), *_widened(padded)))
-
-
-def _widened(arguments: tuple[object, ...]) -> list[object]:
-    return [ctypes.c_ulong(value) if isinstance(value, int) else value for value in arguments]
-
-
-def _checked(answer: int) -> int:
-    if answer < 0:
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
-    return answer
+    """Call ``prctl``, as ``system_call`` does; what is not given is 0."""
+    return system_call(PRCTL, option, *(*arguments, 0, 0, 0, 0)[:4])
 
 
 def set_limits(memory_bytes: int, cpu_s: int) -> None:

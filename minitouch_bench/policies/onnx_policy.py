@@ -5,17 +5,20 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import onnx
+import onnxruntime
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.machine import require
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.sources import declares_too_much
 
 INPUT_SHAPES = {"image": (1, *policy.IMAGE_SHAPE), "touch": (1, *policy.TOUCH_SHAPE)}
 OUTPUT = "action"
 MAX_ITEM_BYTES = 16
+RECURRENT = ("GRU", "LSTM", "RNN")
+"""Operations of ONNX that are recurrent layers."""
 
 
 class OnnxPolicy:
@@ -39,23 +42,20 @@ def load_onnx(source: policy.PolicySource) -> OnnxPolicy:
     """Check a graph, then hand it to onnxruntime.
 
     Raises:
-        PolicyLoadError: not ONNX, external data, or inputs and output of other names or shapes.
-        MissingExtraError: onnx or onnxruntime is not installed.
+        PolicyLoadError: external data, or inputs and output of other names or shapes.
     """
-    onnx = require("onnx", "onnx")
-    runtime = require("onnxruntime", "onnx")
-    try:
-        model = onnx.load_model_from_string(source.content)
-    except Exception as error:  # the protobuf package's own class, which is no dependency of ours
-        raise PolicyLoadError("not an ONNX file") from error
-    check_model(onnx, model)
-    options = runtime.SessionOptions()
+    model = onnx.load_model_from_string(source.content)
+    check_model(model)
+    options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.log_severity_level = 3
-    session = runtime.InferenceSession(source.content, options, providers=["CPUExecutionProvider"])
-    recurrent = find_recurrent(model)
+    session = onnxruntime.InferenceSession(
+        source.content, options, providers=["CPUExecutionProvider"]
+    )
+    operations = (node.op_type for node in model.graph.node if node.op_type in RECURRENT)
+    recurrent = policy.find_recurrent(source.content) or next(operations, "")
     warning = recurrent and (
         f"it has a recurrent layer ({recurrent}), and an ONNX graph keeps nothing from one "
         f"action to the next. {policy.TO_REMEMBER}"
@@ -63,18 +63,7 @@ def load_onnx(source: policy.PolicySource) -> OnnxPolicy:
     return OnnxPolicy(session, warning)
 
 
-def find_recurrent(model: Any) -> str:
-    """Name a recurrent layer of a graph, also one that torch exported as its single steps."""
-    for node in model.graph.node:
-        if node.op_type in ("GRU", "LSTM", "RNN"):
-            return str(node.op_type)
-        for entry in node.metadata_props:  # the classes of torch that a node comes from
-            if match := policy.RECURRENT_CLASS.search(entry.value):
-                return match[1]
-    return ""
-
-
-def check_model(onnx: Any, model: Any) -> None:
+def check_model(model: onnx.ModelProto) -> None:
     """Refuse a graph that reads other files, declares too much, or has other inputs and output.
 
     Raises:

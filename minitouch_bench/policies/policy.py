@@ -1,7 +1,9 @@
-"""What a policy is, how it is isolated, and how it is loaded."""
+"""What a policy is, in which formats it can be handed in, how it is isolated and loaded."""
 
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Protocol
@@ -9,17 +11,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from minitouch_bench.episode import Observation, PolicyIdentity
+from minitouch_bench.episode import IN_MEMORY, Observation, PolicyIdentity
 from minitouch_bench.errors import (
     MissingExtraError,
+    PolicyError,
+    PolicyFaultError,
     PolicyLoadError,
+    PolicyRaisedError,
     ServerUnreachableError,
     UsageError,
 )
 from minitouch_bench.machine import look_up, require
-from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.protocol.minitouch import PROTOCOL, USUAL_LIMITS, PolicyLimits
-from minitouch_bench.text import describe
+from minitouch_bench.text import MAX_TEXT, describe, plain_line
 
 IMAGE_SHAPE, TOUCH_SHAPE = PROTOCOL.observation.image_shape, (PROTOCOL.observation.touch_size,)
 
@@ -37,6 +41,12 @@ class Policy(Protocol):
         """Return the action, float32 (4,) or (5,), each number in [-1, 1]: see ``fit_action``."""
 
 
+def begin_episode(policy: Policy, seed: int, task: str) -> None:
+    """Reset a new policy, if it has a method ``reset``: an object in memory may do without."""
+    if callable(reset := getattr(policy, "reset", None)):
+        reset(seed, task)
+
+
 def close_policy(policy: Policy | None) -> None:
     """Tell a policy of the end of its episode, if it has a method ``close``: a server wants it."""
     if callable(close := getattr(policy, "close", None)):
@@ -44,9 +54,9 @@ def close_policy(policy: Policy | None) -> None:
 
 
 def warning_of(policy: Policy) -> str:
-    """Return what a policy's loader warns of, "" for nothing."""
+    """Return what a policy's loader warns of, "" for nothing, in one line."""
     warning = getattr(policy, "warning", "")
-    return warning if isinstance(warning, str) else ""
+    return plain_line(warning, 2 * MAX_TEXT) if isinstance(warning, str) else ""
 
 
 TO_REMEMBER = (
@@ -55,14 +65,95 @@ TO_REMEMBER = (
 )
 """What a loader advises that finds a memory without a state."""
 
-RECURRENT_CLASS = re.compile(r"torch\.nn\.modules\.rnn\.(\w+)")
-"""How an exported graph names the recurrent layer that a node comes from."""
+RECURRENT_CLASS = re.compile(rb"torch\.nn\.modules\.rnn(?:\.___torch_mangle_\d+)?[.\n](\w+)")
+"""How a file of TorchScript, torch.export or ONNX names the class of a recurrent layer."""
 
 DIRECTORY = "directory"
 """The kind of a policy that is one file per task."""
 
 NOTES = {"scripted": ("reads the simulator's state",), "remote": ("remote",)}
 """Labels by kind, which every table shows."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to hand in a policy.
+
+    ``loader`` names a function or a class of this package as ``module:name``, so that no process
+    imports torch but the policy's own. ``packages`` are (module, extra) pairs to import beforehand;
+    ``computes_with`` is the package whose version the actions depend on, as pip names it.
+    ``runs_code`` marks a zip with pickles, which can do whatever its process can, as opposed to
+    data that is computed with; its list of contents is looked at before it is unpacked.
+    ``advice`` is shown once to a user who evaluates such a file.
+    """
+
+    loader: str
+    suffixes: tuple[str, ...] = ()
+    packages: tuple[tuple[str, str], ...] = ()
+    computes_with: str = ""
+    runs_code: bool = False
+    advice: str = ""
+
+
+FORMATS: Mapping[str, Format] = {
+    "random": Format("python_objects:RandomPolicy"),
+    "zero": Format("python_objects:ZeroPolicy"),
+    "open-loop": Format("python_objects:OpenLoopPolicy"),
+    "native": Format("native:load_native", (".safetensors",), computes_with="torch"),
+    "torch.export": Format(
+        "torch_programs:load_exported",
+        (".pt2",),
+        (("torch.export.pt2_archive._package", "all"),),
+        computes_with="torch",
+        runs_code=True,
+    ),
+    "torchscript": Format(
+        "torch_programs:load_torchscript",
+        (".pt", ".ts"),
+        computes_with="torch",
+        runs_code=True,
+        advice="TorchScript is deprecated since PyTorch 2.11: .pt and .ts are still read here; "
+        "save new policies with torch.export (.pt2)",
+    ),
+    "onnx": Format(
+        "onnx_policy:load_onnx",
+        (".onnx",),
+        (("onnx", "onnx"), ("onnxruntime", "onnx")),
+        computes_with="onnxruntime",
+    ),
+    "sb3": Format(
+        "sb3:load_sb3",
+        (".zip",),
+        (("stable_baselines3", "sb3"),),
+        computes_with="stable-baselines3",
+        runs_code=True,
+    ),
+    "lerobot": Format(
+        "lerobot:load_lerobot",
+        (".lerobot",),  # a directory in one file, as submissions have it
+        (
+            ("lerobot.policies.act.modeling_act", "lerobot"),
+            ("lerobot.policies.diffusion.modeling_diffusion", "lerobot"),
+        ),
+        computes_with="lerobot",
+    ),
+    "factory": Format("python_objects:load_factory", packages=(("torch", "all"),)),
+    "remote": Format("server:load_remote"),
+    IN_MEMORY: Format("python_objects:load_object"),
+}
+
+BUILT_IN = ("random", "zero", "open-loop", "scripted")
+"""Policies known by name; ``scripted`` has no loader, it runs beside the simulator."""
+
+KIND_BY_SUFFIX: Mapping[str, str] = {
+    suffix: kind for kind, form in FORMATS.items() for suffix in form.suffixes
+}
+
+
+def computing_packages() -> tuple[str, ...]:
+    """Return the packages whose versions a policy's actions can depend on, as pip names them."""
+    names = (form.computes_with for form in FORMATS.values())
+    return tuple(dict.fromkeys(filter(None, names)))
 
 
 @dataclass(frozen=True)
@@ -111,6 +202,12 @@ class PolicySource:
         notes = tuple(note for kind in self.kinds for note in NOTES.get(kind, ()))
         address = self.address or self.target
         return PolicyIdentity(self.name, address, self.kind, self.digest, notes)
+
+
+def find_recurrent(content: bytes) -> str:
+    """Return the class of a recurrent layer of torch that a file names, "" for none."""
+    match = RECURRENT_CLASS.search(content)
+    return match[1].decode() if match else ""
 
 
 def fits_shape(axes: Sequence[object], wanted: tuple[int, ...]) -> bool:
@@ -184,15 +281,12 @@ def check_permitted(source: PolicySource, isolation: Isolation, *, trust: bool) 
     Raises:
         PolicyLoadError: it is neither in the sandbox nor trusted.
     """
-    if source.kind == "factory" and not trust:
+    is_factory, is_confined = source.kind == "factory", isolation is Isolation.SANDBOX
+    if not trust and (is_factory or (FORMATS[source.kind].runs_code and not is_confined)):
+        leave = "" if is_factory else "Leave it to --isolation sandbox. "
         raise PolicyLoadError(
-            f"'{source.target}' runs Python code of its own on this machine.\n"
-            "If you trust it, add --trust"
-        )
-    if FORMATS[source.kind].runs_code and isolation is not Isolation.SANDBOX and not trust:
-        raise PolicyLoadError(
-            f"{source.target} is {source.kind}, which can run code of its own on this machine.\n"
-            "Leave it to --isolation sandbox, or if you trust it, add --trust"
+            f"{source.target} can run code of its own on this machine.\n"
+            f"{leave}If you trust it, add --trust"
         )
 
 
@@ -207,9 +301,22 @@ def find_loader(kind: str) -> Callable[[PolicySource], Policy]:
     return look_up(f"minitouch_bench.policies.{FORMATS[kind].loader}")
 
 
-def is_unreachable(kind: str, error: BaseException) -> bool:
-    """Tell whether our client of a policy server found nobody: only it can say so, no policy."""
-    return kind == "remote" and isinstance(error, ServerUnreachableError)
+@contextmanager
+def own_faults(kind: str) -> Iterator[None]:
+    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
+
+    What it prints goes to standard error: standard output is for the results.
+    """
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except (PolicyError, MissingExtraError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        # Our client of a policy server found nobody: only it can say so, no policy.
+        if kind == "remote" and isinstance(error, ServerUnreachableError):
+            raise
+        raise PolicyRaisedError(describe(error)) from error
 
 
 def load_policy(source: PolicySource) -> Policy:
@@ -222,13 +329,10 @@ def load_policy(source: PolicySource) -> Policy:
         ServerUnreachableError: the policy is a server, and there is no connection to it.
     """
     try:
-        return find_loader(source.kind)(source)
+        with own_faults(source.kind):
+            return find_loader(source.kind)(source)
+    except PolicyFaultError as error:
+        text = f"{source.target}: not a readable {source.kind} policy: {error.args[0]}"
+        raise PolicyLoadError(text) from error
     except PolicyLoadError as error:
         raise PolicyLoadError(f"{source.target}: {error}") from error
-    except (MissingExtraError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # also what a foreign reader or a factory ends a program with
-        if is_unreachable(source.kind, error):
-            raise
-        text = f"{source.target}: not a readable {source.kind} policy: {describe(error)}"
-        raise PolicyLoadError(text) from error

@@ -7,7 +7,6 @@ import contextlib
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, Any, NoReturn
 
@@ -18,12 +17,18 @@ from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.forkserver import seed_everything
-from minitouch_bench.policies.formats import FORMATS
-from minitouch_bench.policies.policy import SANDBOXED, Isolation, IsolationOptions, PolicySource
+from minitouch_bench.policies.policy import (
+    FORMATS,
+    SANDBOXED,
+    Isolation,
+    IsolationOptions,
+    PolicySource,
+    own_faults,
+)
 from minitouch_bench.policies.sources import read_again
 from minitouch_bench.policies.wire import EpisodeChannel, HostConnection, HostGoneError
 from minitouch_bench.protocol.spec import fit_action
-from minitouch_bench.text import MAX_TEXT, describe, plain_line
+from minitouch_bench.text import MAX_TEXT, plain_line
 
 EXIT_GRACE_S = 0.2
 """Time in which a process that closed its pipe must have exited, to be asked for its status."""
@@ -58,8 +63,7 @@ class PolicyProcess:
         self._host: HostConnection | None = None
         self._channel: EpisodeChannel | None = None
         self.warning = self.target = self._kind = ""
-        self._size = 0
-        self._end_grace_s = self._left_s = 0.0
+        self._size, self._left_s = 0, 0.0
 
     def __enter__(self) -> "PolicyProcess":
         return self
@@ -84,19 +88,21 @@ class PolicyProcess:
         self._end_episode()
         self.target, self._kind, self._size = part.target, part.kind, policy.action_size(task)
         self._left_s = self._limits.episode_timeout_s
-        self._end_grace_s = END_GRACE_S.get(part.kind, 0.0)
         self._start(part, wire.StartOrder(replace(part, content=b""), task, seed))
         limit_s = self._limits.load_timeout_s
         deadline = wire.CLOCK.now() + limit_s
-        self._await_confined(deadline)
-        late = f"it was not loaded within {limit_s:g} s"
         try:
-            answer = self._ask(wire.Frame.LOAD, b"", wire.Frame.LOADED, deadline, late)
+            self._receive(wire.Frame.CONFINED, deadline, "no answer")
+        except errors.PolicyFaultError as fault:
+            text = f"the policy's process could not enter its sandbox: {fault.args[0]}"
+            raise errors.InfrastructureError(text) from fault
+        try:
+            late = f"it was not loaded within {limit_s:g} s"
+            warning = self._receive(wire.Frame.LOADED, deadline, late)
         except errors.PolicyFaultError as fault:
             raise errors.PolicyLoadError(f"{self.target} cannot be loaded: {fault}") from fault
-        self.warning = plain_line(answer.decode(errors="replace"), 2 * MAX_TEXT)
-        late = f"reset did not return within {limit_s:g} s"
-        self._ask(wire.Frame.RESET, b"", wire.Frame.READY, deadline, late)
+        self.warning = plain_line(warning.decode(errors="replace"), 2 * MAX_TEXT)
+        self._receive(wire.Frame.READY, deadline, f"reset did not return within {limit_s:g} s")
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped.
@@ -114,12 +120,10 @@ class PolicyProcess:
         limit_s = self._limits.act_timeout_s
         deadline, late = wire.CLOCK.now() + limit_s, f"no action within {limit_s:g} s"
         question = wire.pack_observation(observation)
-        payload = self._ask(wire.Frame.ACT, question, wire.Frame.ACTION, deadline, late)
-        try:
-            action = wire.unpack_action(payload, self._size)
-        except wire.WireError as error:
-            self._break_off(error)
-        return fit_action(action, self._size)
+        payload = self._receive(wire.Frame.ACTION, deadline, late, question)
+        if len(payload) != 4 * self._size:
+            self._break_off(f"an action of {len(payload)} bytes, not {4 * self._size}")
+        return fit_action(np.frombuffer(payload, np.float32), self._size)
 
     def close(self) -> None:
         """End the child and the host."""
@@ -129,18 +133,13 @@ class PolicyProcess:
             self._files.popitem()[1].close()
 
     def _drop_host(self) -> None:
-        self._close_channel()
-        if self._host is not None:
-            self._host.close()
-            self._host = None
-
-    def _close_channel(self) -> None:
-        if self._channel is not None:
-            self._channel.close()
-            self._channel = None
+        for connection in (self._channel, self._host):
+            if connection is not None:
+                connection.close()
+        self._channel = self._host = None
 
     def _start(self, part: PolicySource, order: wire.StartOrder) -> None:
-        """Have a child forked; a host that has ended is replaced, once."""
+        """Have a child forked; a host that has ended or is too slow is replaced, once."""
         setup = wire.HostSetup(part.kind, replace(self._options, private=""))
         if part.kind == "factory" and self._options.level is Isolation.SANDBOX:
             setup = wire.HostSetup(part.kind, self._options, part.target)
@@ -166,7 +165,7 @@ class PolicyProcess:
         else:
             raise errors.InfrastructureError(f"the policy's host process cannot work ({problem})")
         if "error" in answer:
-            self._close_channel()
+            self._drop_host()
             raise getattr(errors, answer["class"])(answer["error"])
         channel.watch(answer["pid"])
 
@@ -182,69 +181,52 @@ class PolicyProcess:
             self._files[part.digest] = file
         return (self._files[part.digest].fileno(),)
 
-    def _await_confined(self, deadline: float) -> None:
-        """Wait for the child's first word, which it says before it looks at the checkpoint."""
-        assert self._channel is not None
-        text = "no answer"
-        with contextlib.suppress(TimeoutError, EOFError, wire.WireError):
-            kind, payload = self._channel.receive(deadline)
-            if kind is wire.Frame.CONFINED:
-                return
-            text = plain_line(payload.decode(errors="replace"))
-        self._stop(0.0)
-        raise errors.InfrastructureError(
-            f"the policy's process could not enter its sandbox: {text}"
-        )
-
-    def _ask(
-        self, request: wire.Frame, question: bytes, wanted: wire.Frame, deadline: float, late: str
+    def _receive(
+        self, wanted: wire.Frame, deadline: float, late: str, question: bytes = b""
     ) -> bytes:
-        """Return what the child answers, or end the child and raise what went wrong."""
+        """Return what the child sends next, or end it and raise what went wrong."""
         assert self._channel is not None
         began = wire.CLOCK.now()
         if began + self._left_s < deadline:
             deadline = began + self._left_s
             late = f"its episode took more than {self._limits.episode_timeout_s:g} s"
         try:
-            kind, payload = self._channel.ask(request, question, deadline)
+            if question:
+                kind, payload = self._channel.ask(question, deadline)
+            else:
+                kind, payload = self._channel.receive(deadline)
         except TimeoutError:
             self._stop(0.0)
             raise errors.PolicyTimeoutError(late) from None
         except EOFError:
             raise self._exit_error() from None
         except wire.WireError as error:
-            self._break_off(error)
+            self._break_off(str(error))
         self._left_s -= wire.CLOCK.now() - began
         if kind is not wanted:
-            self._refuse_answer(request, kind, payload)
-        # On a stream packets can come together; a packet's first byte is no printable character.
-        printable = wanted is wire.Frame.LOADED and payload.decode(errors="replace").isprintable()
-        if payload and wanted is not wire.Frame.ACTION and not printable:
-            self._break_off(wire.WireError(f"{kind.name} with {len(payload)} bytes behind it"))
+            self._raise_failure(wanted, kind, payload)
         return payload
 
-    def _refuse_answer(self, request: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
+    def _raise_failure(self, wanted: wire.Frame, kind: wire.Frame, payload: bytes) -> NoReturn:
+        is_possible = {
+            wire.Frame.REFUSED: wanted in (wire.Frame.LOADED, wire.Frame.READY),
+            wire.Frame.INVALID: wanted is wire.Frame.ACTION,
+            wire.Frame.UNREACHABLE: self._kind == "remote",  # only our client can say so
+            wire.Frame.RAISED: True,
+        }
+        if not is_possible.get(kind):
+            self._break_off(f"{kind.name} in place of {wanted.name}")
+        is_confined_factory = self._host is not None and self._host.setup.factory
+        self._stop(END_GRACE_S.get(self._kind, 0.0))
         text = plain_line(payload.decode(errors="replace"), 2 * MAX_TEXT + len(self.target))
-        if kind is wire.Frame.REFUSED and request is not wire.Frame.ACT:
-            is_confined_factory = self._host is not None and self._host.setup.factory
-            self._stop(0.0)
-            if is_confined_factory and "PermissionError" in text:
-                text += f". {READABLE_BY_FACTORIES}"
-            raise errors.PolicyLoadError(text)
-        if kind is wire.Frame.INVALID and request is wire.Frame.ACT:
-            raise errors.InvalidActionError(text)
-        if kind is wire.Frame.RAISED:
-            self._stop(self._end_grace_s)
-            raise errors.PolicyRaisedError(text)
-        unreachable = errors.ServerUnreachableError(text)
-        if kind is wire.Frame.UNREACHABLE and policy.is_unreachable(self._kind, unreachable):
-            self._stop(0.0)
-            raise unreachable
-        self._break_off(wire.WireError(f"{kind.name} is not an answer to {request.name}"))
+        if kind is wire.Frame.REFUSED and is_confined_factory and "PermissionError" in text:
+            text += f". {READABLE_BY_FACTORIES}"
+        raise wire.FAILURES[kind](text)
 
-    def _break_off(self, error: wire.WireError) -> NoReturn:
+    def _break_off(self, problem: str) -> NoReturn:
         self._stop(0.0)
-        raise errors.PolicyExitError(f"the policy's process broke the protocol: {error}") from None
+        text = f"the policy's process broke the protocol: {problem}"
+        raise errors.PolicyExitError(text) from None
 
     def _exit_error(self) -> errors.MiniTouchError:
         """Say how a child ended that closed its pipe, and what it printed last."""
@@ -290,7 +272,7 @@ class PolicyProcess:
         """End the last episode's child; if the host is gone, so is the child."""
         if self._channel is not None:
             with contextlib.suppress(errors.InfrastructureError):
-                self._stop(self._end_grace_s)
+                self._stop(END_GRACE_S.get(self._kind, 0.0))
 
 
 class InProcessPolicy:
@@ -316,44 +298,26 @@ class InProcessPolicy:
         if FORMATS[part.kind].suffixes:
             part = replace(part, content=part.content or read_again(part.target, part.digest))
         seed_everything(seed)
-        with contextlib.redirect_stdout(sys.stderr):
+        with own_faults(part.kind):
             self._policy = policy.load_policy(part)
-        if "torch" in sys.modules:
-            sys.modules["torch"].set_num_threads(1)
-        seed_everything(seed)
-        with _own_faults(part.kind):
+            if "torch" in sys.modules:
+                sys.modules["torch"].set_num_threads(1)
+            seed_everything(seed)
             self.warning = policy.warning_of(self._policy)
-            self._policy.reset(seed, task)
+            policy.begin_episode(self._policy, seed, task)
 
     def act(self, observation: Observation) -> NDArray[np.float32]:
         """Return the policy's action, float32 of the task's size, finite, not clipped."""
         assert self._policy is not None
         copied = {name: value.copy() for name, value in observation.items()}
-        with _own_faults(self._source.kind):
+        with own_faults(self._source.kind):
             return fit_action(self._policy.act(copied), self._size)
 
     def close(self) -> None:
         """Forget the policy; what goes wrong at its end changes no episode."""
         ended, self._policy = self._policy, None
-        with contextlib.suppress(errors.MiniTouchError), _own_faults(self._source.kind):
+        with contextlib.suppress(errors.MiniTouchError), own_faults(self._source.kind):
             policy.close_policy(ended)
-
-
-@contextlib.contextmanager
-def _own_faults(kind: str) -> Iterator[None]:
-    """Convert whatever a policy raises in the block to its fault: ``SystemExit`` is one, too.
-
-    What it prints goes to standard error: standard output is for the results.
-    """
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            yield
-    except (errors.PolicyError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        if policy.is_unreachable(kind, error):
-            raise
-        raise errors.PolicyRaisedError(describe(error)) from error
 
 
 def effective_level(source: PolicySource, asked: Isolation) -> Isolation:

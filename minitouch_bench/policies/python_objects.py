@@ -22,12 +22,7 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.machine import look_up_own
-from minitouch_bench.policies.policy import (
-    Policy,
-    PolicySource,
-    action_size,
-    close_policy,
-)
+from minitouch_bench.policies.policy import Policy, PolicySource, action_size
 from minitouch_bench.text import describe
 
 
@@ -51,10 +46,7 @@ def load_factory(source: PolicySource) -> Policy:
     Raises:
         PolicyLoadError: not importable, or what it gives is not a policy.
     """
-    factory = look_up_own(source.target)
-    if not callable(factory):
-        raise PolicyLoadError("it cannot be called to make a policy")
-    return make_policy(factory, source.deterministic)
+    return make_policy(look_up_own(source.target), source.deterministic)
 
 
 CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
@@ -99,24 +91,6 @@ def _tensor_content(torch: Any, tensor: Any) -> object:
 
 def _is_plain(value: object) -> bool:
     return type(value) in PLAIN or (type(value) is tuple and all(map(_is_plain, value)))
-
-
-class ObjectPolicy:
-    """An object with ``act(observation)`` and without ``reset``; a ``close()`` of it is called."""
-
-    def __init__(self, policy: Any) -> None:
-        self._policy = policy
-
-    def reset(self, seed: int, task: str) -> None:
-        """Do nothing: each episode has a new object."""
-
-    def act(self, observation: Observation) -> NDArray[np.float32]:
-        """Return the object's action."""
-        return self._policy.act(observation)
-
-    def close(self) -> None:
-        """Close the object."""
-        close_policy(self._policy)
 
 
 def keep_in_memory(policy: object) -> PolicySource:
@@ -175,18 +149,14 @@ def _acting_part(policy: object) -> Any:
 
 def _as_policy(acting: Any, deterministic: bool) -> Policy:
     if _has_act(acting):
-        has_reset = callable(getattr(acting, "reset", None))
-        return acting if has_reset else ObjectPolicy(acting)
+        return acting
     if hasattr(acting, "predict") and hasattr(acting, "observation_space"):
         from minitouch_bench.policies.sb3 import Sb3Policy  # noqa: PLC0415  imports torch
 
         return Sb3Policy(acting, deterministic)
-    from torch.jit import ScriptModule  # noqa: PLC0415
+    from minitouch_bench.policies.torch_programs import ModulePolicy  # noqa: PLC0415
 
-    from minitouch_bench.policies.torch_programs import ModulePolicy, find_script_memory  # noqa: PLC0415
-
-    is_script = isinstance(acting, ScriptModule)
-    return ModulePolicy(acting.eval(), find_script_memory(acting) if is_script else "")
+    return ModulePolicy(acting.eval())
 
 
 def _has_act(policy: object) -> bool:

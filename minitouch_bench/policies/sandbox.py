@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 from minitouch_bench.errors import IsolationError
 from minitouch_bench.files import RUN_ENTRIES
@@ -71,22 +71,15 @@ def readable_paths() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*READABLE, library, *packages, package)))
 
 
-class FactoryPaths(NamedTuple):
-    """What a factory may read beside, and the folders whose entries' names it may list."""
-
-    readable: tuple[str, ...]
-    listable: tuple[str, ...]
-
-
-NOTHING = FactoryPaths((), ())
-
-
-def factory_paths(target: str, private: str = "") -> FactoryPaths:
+def factory_paths(target: str, private: str = "") -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what ``package.module:attribute`` may read beside: its code and its data.
 
     That is what lies in the working directory, in every folder of ``sys.path``, and where its
     package lies if an editable installation put it elsewhere. Hidden entries are left out, and
     the run's directory ``private``. What is made later cannot be read.
+
+    Returns:
+        What it may read, and the folders whose entries' names it may list.
 
     Raises:
         IsolationError: one of these folders is the root folder or /etc.
@@ -112,7 +105,7 @@ def factory_paths(target: str, private: str = "") -> FactoryPaths:
             )
     run = Path(private).resolve() if private else None
     readable = [str(part) for path in others for part in _parts(path, run)]
-    return FactoryPaths(tuple(readable), tuple(str(path) for path in others if path.is_dir()))
+    return tuple(readable), tuple(str(path) for path in others if path.is_dir())
 
 
 def _parts(path: Path, run: Path | None) -> Iterator[Path]:
@@ -172,17 +165,23 @@ class Sandbox:
 
 
 def prepare(
-    memory_bytes: int, cpu_s: int, paths: FactoryPaths = NOTHING, *, threads: bool = False
+    memory_bytes: int,
+    cpu_s: int,
+    readable: tuple[str, ...] = (),
+    listable: tuple[str, ...] = (),
+    *,
+    threads: bool = False,
 ) -> Sandbox:
     """Return a sandbox, and let the kernel end this process first where memory runs out.
+
+    In it ``readable`` and ``listable`` can be read beside what every policy may read.
 
     Its memory counts beyond what is mapped when a process enters it.
 
     Raises:
         IsolationError: this machine cannot have one, or it does not hold.
     """
-    is_64_bit = sys.maxsize > 2**32
-    if platform.system() != "Linux" or platform.machine() != "x86_64" or not is_64_bit:
+    if platform.system() != "Linux" or platform.machine() != "x86_64":
         raise _unavailable("it needs Linux on x86-64")
     abi = kernel.supported_abi()
     if abi == 0:
@@ -191,8 +190,7 @@ def prepare(
             "it; see /sys/kernel/security/lsm)"
         )
     try:
-        readable = (*readable_paths(), *paths.readable)
-        ruleset = kernel.make_ruleset(abi, readable, WRITABLE, paths.listable)
+        ruleset = kernel.make_ruleset(abi, (*readable_paths(), *readable), WRITABLE, listable)
     except OSError as error:
         raise _unavailable(f"Landlock refused its rules: {error.strerror}") from error
     sandbox = Sandbox(abi, ruleset, memory_bytes, cpu_s, threads)

@@ -184,7 +184,7 @@ class PickUpController(Controller):
     def _lost(self) -> bool:
         """Tell whether the hand has gone up and left the object on the table."""
         task = cast(PickUp, self.environment.task)
-        lowest = task.model.lowest_point(self.client, task.target_body)
+        lowest, _ = task.model.heights(self.client, task.target_body)
         return bool(self.hand[2] > self.LOST_ABOVE_M and lowest < self.LOST_BELOW_M)
 
     def _grasp(self) -> NDArray[np.float64]:
@@ -274,7 +274,7 @@ class PushingController(Controller):
         across = _across(self._ahead)
         goal = hand[:2] + self._ahead * (REACH_M if self._heavy else self.SLIDE_M)
         goal += across * float((middle - hand[:2]) @ across)
-        top = self._task.model.highest_point(self.client, self._task.target_body)
+        _, top = self._task.model.heights(self.client, self._task.target_body)
         return self.toward(
             (*goal, min(top, self.HIGH_M) if self._heavy else self.LOW_M), finger=-1.0
         )

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from minitouch_bench.episode import Observation
 from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnreachableError
 from minitouch_bench.policies import wire
-from minitouch_bench.policies.policy import Policy, PolicySource, close_policy
+from minitouch_bench.policies.policy import Policy, PolicySource, begin_episode, close_policy
 from minitouch_bench.policies.python_objects import make_policy
 from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
 from minitouch_bench.text import describe, plain_line
@@ -40,20 +40,14 @@ MAX_OPEN_EPISODES = 1024
 """Episodes kept open; beyond it the oldest is dropped, its evaluation having died."""
 
 
-class RequestError(Exception):
-    """A request that gets another status than 200: the status, and a text."""
-
-
 class PolicyServer(ThreadingHTTPServer):
     """An HTTP server with one policy an episode, so that evaluating workers do not mix."""
 
     daemon_threads = True
 
-    def __init__(
-        self, factory: Callable[..., Policy], address: tuple[str, int], name: str = "policy"
-    ) -> None:
+    def __init__(self, factory: Callable[..., Policy], address: tuple[str, int]) -> None:
         super().__init__(address, PolicyHandler)
-        self.name = name
+        self.name = getattr(factory, "__name__", "policy")
         self._factory = factory
         self._numbers = itertools.count(1)
         self._episodes: OrderedDict[str, Policy] = OrderedDict()
@@ -61,14 +55,9 @@ class PolicyServer(ThreadingHTTPServer):
 
     def begin(self, body: bytes) -> str:
         """Make and reset the policy of a new episode and return the episode's id."""
-        try:
-            question = json.loads(body)
-            seed, task = int(question["seed"]), str(question["task"])
-            deterministic = bool(question.get("deterministic", True))
-        except (KeyError, ValueError, TypeError) as error:
-            raise RequestError(HTTPStatus.BAD_REQUEST, describe(error)) from error
-        policy = make_policy(self._factory, deterministic)
-        policy.reset(seed, task)
+        question = json.loads(body)
+        policy = make_policy(self._factory, bool(question.get("deterministic", True)))
+        begin_episode(policy, int(question["seed"]), str(question["task"]))
         with self._lock:
             episode = str(next(self._numbers))
             self._episodes[episode] = policy
@@ -82,7 +71,7 @@ class PolicyServer(ThreadingHTTPServer):
         """Return the action of an episode's policy."""
         policy = self._episodes.get(episode)
         if policy is None:
-            raise RequestError(HTTPStatus.NOT_FOUND, f"no episode {episode}")
+            raise wire.WireError(f"no episode {episode}")
         action = np.asarray(policy.act(wire.unpack_observation(body)), np.float64)
         return [float(number) for number in action.reshape(-1)]
 
@@ -117,12 +106,10 @@ class PolicyHandler(BaseHTTPRequestHandler):
         try:
             if "Origin" in self.headers:
                 self.close_connection = True  # its body is not read
-                raise RequestError(HTTPStatus.FORBIDDEN, "a web page may not ask a policy")
+                raise wire.WireError("a web page may not ask a policy")
             answer = self._answer(self._body())
-        except RequestError as error:
-            status, answer = error.args[0], {"error": error.args[1]}
         except wire.WireError as error:
-            status, answer = HTTPStatus.BAD_REQUEST, {"error": describe(error)}
+            status, answer = HTTPStatus.BAD_REQUEST, {"error": str(error)}
         except BaseException as error:  # the policy's own failure is for the evaluation to show
             status, answer = HTTPStatus.INTERNAL_SERVER_ERROR, {"error": describe(error)}
         content = json.dumps(answer).encode()
@@ -138,7 +125,7 @@ class PolicyHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length") or "0"
         if not (length.isdecimal() and int(length) <= wire.OBSERVATION_BYTES):
             self.close_connection = True  # the body stays unread
-            raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of {length} bytes")
+            raise wire.WireError(f"a body of {length} bytes")
         return self.rfile.read(int(length))
 
     def _answer(self, body: bytes) -> dict[str, Any]:
@@ -151,12 +138,12 @@ class PolicyHandler(BaseHTTPRequestHandler):
                 return {"action": self.server.act(episode, body)}
             case "DELETE", ["episodes", episode]:
                 return self.server.end(episode)
-        raise RequestError(HTTPStatus.NOT_FOUND, f"no {self.command} {self.path}")
+        raise wire.WireError(f"no {self.command} {self.path}")
 
 
 def serve(factory: Callable[..., Policy], host: str = "127.0.0.1", port: int = 8000) -> None:
     """Serve policies until interrupted, each episode with a new one from ``factory``."""
-    with PolicyServer(factory, (host, port), getattr(factory, "__name__", "policy")) as server:
+    with PolicyServer(factory, (host, port)) as server:
         server.serve_forever()
 
 
@@ -182,14 +169,10 @@ class RemotePolicy:
         self._deterministic = deterministic
         self._episode = ""
 
-    def info(self) -> dict[str, Any]:
-        """Return the server's ``protocol`` and ``name``."""
-        return self._call("GET", "/info")
-
     def reset(self, seed: int, task: str) -> None:
         """Begin an episode on the server, the only one of this object."""
         question = {"seed": seed, "task": task, "deterministic": self._deterministic}
-        answer = self._call("POST", "/episodes", json.dumps(question).encode())
+        answer = self.call("POST", "/episodes", json.dumps(question).encode())
         episode = answer.get("episode")
         if not isinstance(episode, str | int):
             raise PolicyFaultError("the policy server's answer has no 'episode'")
@@ -198,7 +181,7 @@ class RemotePolicy:
     def act(self, observation: Observation) -> NDArray[np.float64]:
         """Return the server's action; JSON knows one kind of number, so 0 counts as 0.0."""
         path = f"/episodes/{self._episode}/act"
-        action = self._call("POST", path, wire.pack_observation(observation)).get("action")
+        action = self.call("POST", path, wire.pack_observation(observation)).get("action")
         if not isinstance(action, list) or not all(type(x) in (int, float) for x in action):
             raise PolicyFaultError("the policy server's answer has no list of numbers 'action'")
         return np.array([float(x) for x in action], np.float64)
@@ -206,7 +189,7 @@ class RemotePolicy:
     def close(self) -> None:
         """End the episode on the server and the connection to it."""
         if self._episode:
-            self._call("DELETE", f"/episodes/{self._episode}")
+            self.call("DELETE", f"/episodes/{self._episode}")
         self._connection.close()
 
     def _connect(self) -> None:
@@ -226,7 +209,8 @@ class RemotePolicy:
             ) from error
         self._connection.sock.settimeout(SOCKET_TIMEOUT_S)
 
-    def _call(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
+    def call(self, method: str, path: str, body: bytes | None = None) -> dict[str, Any]:
+        """Return the server's answer to a request."""
         kind = "application/octet-stream" if path.endswith("/act") else "application/json"
         self._connect()
         try:
@@ -259,7 +243,7 @@ def load_remote(source: PolicySource) -> RemotePolicy:
     """
     policy = RemotePolicy(source.target, source.deterministic)
     try:
-        info = policy.info()
+        info = policy.call("GET", "/info")
     except (OSError, ValueError, http.client.HTTPException, PolicyFaultError) as error:
         raise PolicyLoadError(f"no policy server answers ({describe(error)})") from error
     if info.get("protocol") != HTTP_API_VERSION:

@@ -9,7 +9,7 @@ import io
 import re
 import urllib.parse
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,8 +29,13 @@ from minitouch_bench.errors import (
 from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
 from minitouch_bench.policies import lerobot
-from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
-from minitouch_bench.policies.policy import DIRECTORY, PolicySource
+from minitouch_bench.policies.policy import (
+    BUILT_IN,
+    DIRECTORY,
+    FORMATS,
+    KIND_BY_SUFFIX,
+    PolicySource,
+)
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.text import describe
 
@@ -123,14 +128,8 @@ def is_remote(text: str) -> bool:
     return text.startswith((*SERVERS, HUB))
 
 
-def parse_source(
-    text: str,
-    tasks: Sequence[str] = (),
-    *,
-    role: Role = Role.FINAL,
-    contact: bool = True,
-) -> PolicySource:
-    """Find out what POLICY means, with a file for each of ``tasks``; ``contact`` the Hub, or not.
+def parse_source(text: str, *, role: Role = Role.FINAL) -> PolicySource:
+    """Find out what POLICY means; the tasks that a directory lacks are found when they are tried.
 
     Raises:
         PolicyLoadError: there is no such policy.
@@ -141,23 +140,15 @@ def parse_source(
         raise PolicyLoadError(f"the name of a policy is UTF-8, not {text!a}") from error
     if text in BUILT_IN:
         return PolicySource(text, text, text)
-    if text.startswith(SERVERS):
-        return _parse_url(text)
-    if text.startswith(HUB):
-        return _parse_hub(text, contact=contact)
+    if is_remote(text):
+        return _parse_hub(text) if text.startswith(HUB) else _parse_url(text)
     path = Path(text)
     with files.os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
-    is_training = not exists and (path.parent / files.SUBMISSION_FILE).is_file()
-    if is_directory or is_training:
-        source = (
-            _parse_submission(path.parent, role, path.name)
-            if is_training
-            else _parse_directory(path, role)
-        )
-        for task in tasks:
-            source.for_task(task)
-        return source
+    if is_directory:
+        return _parse_directory(path, role)
+    if not exists and (path.parent / files.SUBMISSION_FILE).is_file():
+        return _parse_submission(path.parent, role, path.name)
     if exists or path.suffix in KIND_BY_SUFFIX:
         return _parse_file(path)
     if FACTORY_PATTERN.fullmatch(text):
@@ -168,28 +159,18 @@ def parse_source(
     )
 
 
-def is_still(recorded: PolicyIdentity, tasks: Sequence[str], role: Role) -> bool:
+def is_still(recorded: PolicyIdentity, role: Role) -> bool:
     """Tell whether what a run recorded as its policy is still there, bit for bit.
 
-    Nobody is contacted: a recorded address of the Hub names a commit, which stays as it is. Of a
-    server and of Python code it cannot be known.
+    A recorded address of the Hub names a commit, which stays as it is. Of a server and of Python
+    code it cannot be known.
     """
     if recorded.kind in BUILT_IN or recorded.source.startswith(HUB):
         return True
     with suppress(MiniTouchError):
-        found = parse_source(recorded.source, tasks, role=role, contact=False)
+        found = parse_source(recorded.source, role=role)
         return bool(recorded.digest) and found.digest == recorded.digest
     return False
-
-
-def trained_task(source: PolicySource) -> str | None:
-    """Return the task of the training whose final policy this is, None of another policy."""
-    file = Path(source.target)
-    with suppress(UsageError):
-        if file.name == TRAINED_FILE:
-            task = read_toml(file.with_name(CONFIG_FILE)).get("task")
-            return task if task in TASK_NAMES else None
-    return None
 
 
 def read_checkpoint(path: Path, *, follow: bool = True) -> bytes:
@@ -253,11 +234,11 @@ def _parse_url(text: str) -> PolicySource:
     return PolicySource("remote", parts.netloc, text)
 
 
-def _parse_hub(text: str, *, contact: bool) -> PolicySource:
+def _parse_hub(text: str) -> PolicySource:
     """Fetch a file from the Hub; its address names the commit."""
     asked = parse_hub_address(text)
     _kind_of(Path(asked.file))
-    path, resolved = fetch_hub_file(asked, contact=contact)
+    path, resolved = fetch_hub_file(asked)
     return replace(_parse_file(path), address=str(resolved))
 
 
@@ -287,20 +268,20 @@ def _parse_submission(path: Path, role: Role, folder: str = "") -> PolicySource:
     for part in (of_role, *of_role.parents[:2]):
         if part.is_symlink():
             raise PolicyLoadError(f"{part} cannot be read: it is a symbolic link")
-    sources = {}
+    parts = {}
     for file in listed:
         if file.address:
-            sources[file] = _parse_hub(file.address, contact=True)
+            found = _parse_hub(file.address)
         else:
-            sources[file] = _parse_file(path / training.place(file), follow=False)
-        if sources[file].digest != file.sha256:
+            found = _parse_file(path / training.place(file), follow=False)
+        if found.digest != file.sha256:
             raise PolicyLoadError(f"{file.file}: its SHA-256 is not that of submission.toml")
+        parts[file.task] = found
     name = path.resolve().name
-    if listed[0].task == ALL_TASKS:
-        return replace(sources[listed[0]], name=name)
-    digest = directory_digest((file.file, file.sha256) for file in listed)
-    parts = tuple((file.task, source) for file, source in sources.items())
-    return PolicySource(DIRECTORY, name, str(path / training.folder), digest, parts)
+    if ALL_TASKS in parts:
+        return replace(parts[ALL_TASKS], name=name)
+    target, digest = str(path / training.folder), training.digest(role)
+    return PolicySource(DIRECTORY, name, target, digest, tuple(parts.items()))
 
 
 def _parse_directory(path: Path, role: Role) -> PolicySource:
@@ -319,21 +300,26 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
             other = Path(parts[file.stem].target).name
             raise PolicyLoadError(f"{path} has two policies for one task: {other}, {file.name}")
         parts[file.stem] = _parse_file(file, follow=False)
-    trained = path / TRAINED[role]
-    if not parts and trained in found:
-        return replace(_parse_file(trained, follow=False), name=path.resolve().name)
-    if not parts and path / TRAINED_FILE in found:
-        raise PolicyLoadError(f"{path} has no {trained.name}: nothing was explored there")
-    if not parts and path / CONFIG_FILE in found:
-        raise PolicyLoadError(
-            f"{path} is an unfinished training: finish it with train --resume, or name a file in it"
-        )
     if not parts:
-        raise PolicyLoadError(
-            f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"
-        )
+        return _parse_training(path, role, found)
     digest = directory_digest((Path(part.target).name, part.digest) for part in parts.values())
     return PolicySource(DIRECTORY, path.resolve().name, str(path), digest, tuple(parts.items()))
+
+
+def _parse_training(path: Path, role: Role, found: list[Path]) -> PolicySource:
+    """Find the policy of a directory of ``train``, which contains ``found``."""
+    trained = path / TRAINED[role]
+    if trained in found:
+        return replace(_parse_file(trained, follow=False), name=path.resolve().name)
+    if path / TRAINED_FILE in found:
+        text = f"{path} has no {trained.name}: nothing was explored there"
+    elif path / CONFIG_FILE in found:
+        text = (
+            f"{path} is an unfinished training: finish it with train --resume, or name a file in it"
+        )
+    else:
+        text = f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"
+    raise PolicyLoadError(text)
 
 
 def check_zip(content: bytes, target: str) -> None:
@@ -389,8 +375,8 @@ def parse_hub_address(text: str) -> HubFile:
     return HubFile(match[1], match[3], match[2] or match[4] or "main")
 
 
-def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFile]:
-    """Return the file in the library's cache, only there without ``contact``, and its address.
+def fetch_hub_file(asked: HubFile) -> tuple[Path, HubFile]:
+    """Return the file in the library's cache, and its address with the commit.
 
     Raises:
         PolicyLoadError: there is no such file, or it is too large.
@@ -400,21 +386,19 @@ def fetch_hub_file(asked: HubFile, *, contact: bool = True) -> tuple[Path, HubFi
     library = require("huggingface_hub", "hub")
     try:
         kept = library.try_to_load_from_cache(asked.repository, asked.file, revision=asked.revision)
-        is_kept = COMMIT.fullmatch(asked.revision) and isinstance(kept, str)
-        if contact and not is_kept:
-            url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
-            remote = library.get_hf_file_metadata(url)
-            if (remote.size or 0) > files.LARGEST_CHECKPOINT:
-                raise PolicyLoadError(f"{asked} has {remote.size} bytes, which is too large")
-            asked = replace(asked, revision=remote.commit_hash)
-        path = library.hf_hub_download(
-            asked.repository, asked.file, revision=asked.revision, local_files_only=not contact
-        )
+        if COMMIT.fullmatch(asked.revision) and isinstance(kept, str):
+            return Path(kept), asked
+        url = library.hf_hub_url(asked.repository, asked.file, revision=asked.revision)
+        remote = library.get_hf_file_metadata(url)
+        if (remote.size or 0) > files.LARGEST_CHECKPOINT:
+            raise PolicyLoadError(f"{asked} has {remote.size} bytes, which is too large")
+        found = replace(asked, revision=remote.commit_hash)
+        path = library.hf_hub_download(found.repository, found.file, revision=found.revision)
     except PolicyLoadError:
         raise
     except Exception as error:  # of the library, of its HTTP client, of the system
         status = getattr(getattr(error, "response", None), "status_code", None)
         is_refused = isinstance(error, ValueError) or (status is not None and status < 500)
-        kind = PolicyLoadError if is_refused or not contact else InfrastructureError
+        kind = PolicyLoadError if is_refused else InfrastructureError
         raise kind(f"{asked} cannot be fetched: {describe(error)}") from error
-    return Path(path), asked
+    return Path(path), found

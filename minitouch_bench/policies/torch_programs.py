@@ -3,7 +3,7 @@
 import io
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,28 +28,20 @@ RAN = "failed in the TorchScript interpreter"
 TORCH_ERRORS = (RuntimeError, torch.jit.Error)
 """The second is what a script raises itself."""
 
-TRAINED_OTHERWISE = ("dropout", "batch_norm")
-"""Operations that compute something else in training."""
-
-RECURRENT = ("GRU", "GRUCell", "LSTM", "LSTMCell", "RNN", "RNNCell")
-"""Names of torch's recurrent modules, which a saved module keeps."""
-
 
 class ModulePolicy:
     """Run ``forward(image uint8 (1, 1, H, W), touch float32 (1, 11)) -> (1, A)``.
 
-    ``memory`` is what the module could remember with and does not, "" for nothing. ``trains`` is
-    the part that works as in training, "" for none.
+    ``memory`` is what the module could remember with, "" for nothing: its trial finds out whether
+    it does.
     """
 
-    def __init__(self, module: Any, memory: str = "", trains: str = "") -> None:
+    def __init__(self, module: Any, memory: str = "") -> None:
         self._module = module
         self.warning = memory and (
             f"it has {memory} and keeps nothing from one action to the next: saving it drops what "
             f"forward assigns to anything but a buffer. {policy.TO_REMEMBER}"
         )
-        if trains:
-            self.warning = f"its {trains} works as in training: call eval() before the export"
 
     def reset(self, seed: int, task: str) -> None:
         """Do nothing: the module is loaded afresh, and torch is seeded, for every episode."""
@@ -101,7 +93,8 @@ def load_exported(source: policy.PolicySource) -> ModulePolicy:
             f"it has the inputs ({', '.join(shown)}), keywords or several results.\n"
             f"Export {SIGNATURE} with torch.export.export(module, (image, touch))"
         )
-    return ModulePolicy(program.module(), find_program_memory(program), find_training_mode(program))
+    tensors = {**dict(program.named_buffers()), **program.constants}
+    return ModulePolicy(program.module(), _find_memory(source.content, tensors))
 
 
 def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
@@ -125,7 +118,7 @@ def load_torchscript(source: policy.PolicySource) -> ModulePolicy:
     arguments = [argument.name for argument in module.forward.schema.arguments[1:]]
     if len(arguments) != 2:
         raise errors.PolicyLoadError(f"forward takes ({', '.join(arguments)}), not (image, touch)")
-    return ModulePolicy(module, find_script_memory(module))
+    return ModulePolicy(module, _find_memory(source.content, dict(module.named_buffers())))
 
 
 def _last_line(error: Exception) -> str:
@@ -134,42 +127,12 @@ def _last_line(error: Exception) -> str:
     return plain_line(lines[-1]) if lines else type(error).__name__
 
 
-# What a module could remember with: a recurrent layer, or a tensor of zeros, as a hidden state
-# begins with. The trial of a policy finds out whether it does.
-
-
-def find_program_memory(program: Any) -> str:
-    """Name what a program of ``torch.export`` could remember with, "" for nothing."""
-    stacks = (str(node.meta.get("nn_module_stack")) for node in program.graph.nodes)
-    layers = (match[1] for match in map(policy.RECURRENT_CLASS.search, stacks) if match)
-    return _first_memory(layers, {**dict(program.named_buffers()), **program.constants})
-
-
-def find_training_mode(program: Any) -> str:
-    """Name a dropout or a batch normalization that works as in training, "" for none."""
-    for node in program.graph.nodes:
-        schema = getattr(node.target, "_schema", None)  # only an operation has one
-        part = next((part for part in TRAINED_OTHERWISE if part in str(node.target)), "")
-        if schema is None or not part:
-            continue
-        named = zip(schema.arguments, node.args, strict=False)  # those with a default can be absent
-        if any(one.name in ("train", "training") and value is True for one, value in named):
-            return part
-    return ""
-
-
-def find_script_memory(module: Any) -> str:
-    """Name what a TorchScript module could remember with, "" for nothing."""
-    layers = (part.original_name for part in module.modules() if part.original_name in RECURRENT)
-    return _first_memory(layers, dict(module.named_buffers()))
-
-
-def _first_memory(layers: Iterator[str], tensors: Mapping[str, Any]) -> str:
-    """Name a recurrent layer, or a tensor of zeros that is not a normalization's."""
-    if layer := next(layers, ""):
+def _find_memory(content: bytes, tensors: Mapping[str, Any]) -> str:
+    """Name a recurrent layer, or a tensor of zeros, as a hidden state begins with; "" for none."""
+    if layer := policy.find_recurrent(content):
         return f"a recurrent layer ({layer})"
     for name, value in tensors.items():
         is_tensor = isinstance(value, torch.Tensor) and value.numel() > 1
-        if is_tensor and not (value.any() or name.endswith("running_mean")):
+        if is_tensor and not (value.any() or name.endswith("running_mean")):  # of a normalization
             return f"a tensor of zeros ('{name}')"
     return ""

@@ -1,7 +1,7 @@
 """Between the evaluation and a policy's process: packets, and the evaluation's ends of them.
 
-A packet of the kernel's (``SOCK_SEQPACKET``) is one byte of kind, and the payload. Nothing is
-pickled: an answer is read by the trusted side as numbers and text only.
+Over a Unix socket go observations one way, and packets of a header and a payload the other way.
+Nothing is pickled: the trusted side reads numbers and text only.
 """
 
 import contextlib
@@ -9,10 +9,11 @@ import io
 import os
 import select
 import socket
+import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -20,6 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench import errors
 from minitouch_bench.episode import Observation
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
@@ -50,67 +52,43 @@ class StartOrder(msgspec.Struct, frozen=True):
 
 
 class Frame(IntEnum):
-    """Kinds of packet: three requests, and the answers."""
+    """Kinds of packet from a policy's process: the first three once each, then actions."""
 
-    LOAD = 1
-    RESET = 2
-    ACT = 3
+    CONFINED = 1
+    """Before a byte of the checkpoint is looked at."""
+    LOADED = 2
+    """With what the loader warns of."""
+    READY = 3
+    ACTION = 4
+    """To an observation: little-endian float32."""
 
-    CONFINED = 4
-    """To the order to start, before a byte of the checkpoint is looked at; or UNCONFINED."""
-    UNCONFINED = 5
-    LOADED = 6
-    """To LOAD, with what the loader warns of; or REFUSED."""
-    REFUSED = 7
-    READY = 8
-    """To RESET; or REFUSED, or RAISED."""
-    ACTION = 9
-    """To ACT; or INVALID, where the policy gave no valid action, or RAISED."""
-    RAISED = 10
-    INVALID = 11
-    UNREACHABLE = 12
-    """To any request, of the client of a policy server."""
+    REFUSED = 5
+    INVALID = 6
+    UNREACHABLE = 7
+    RAISED = 8
+
+
+FAILURES: Mapping[Frame, type[errors.MiniTouchError]] = {
+    Frame.REFUSED: errors.PolicyLoadError,
+    Frame.INVALID: errors.InvalidActionError,
+    Frame.UNREACHABLE: errors.ServerUnreachableError,
+    Frame.RAISED: errors.PolicyRaisedError,
+}
+"""What a policy's process sends in place of any other packet, with the error's text, and ends."""
 
 
 class WireError(Exception):
     """Bytes that are not of this protocol."""
 
 
-def pack_frame(kind: Frame, payload: bytes = b"") -> bytes:
-    """Return a packet's bytes."""
-    return bytes((kind,)) + payload
-
-
-def unpack_frame(packet: bytes) -> tuple[Frame, bytes]:
-    """Return the kind and the payload of a packet.
-
-    Raises:
-        WireError: of an unknown kind.
-    """
-    try:
-        return Frame(packet[0]), packet[1:]
-    except ValueError:
-        raise WireError(f"a packet of kind {packet[0]}") from None
+HEADER = struct.Struct("<BI")
+"""The kind of a packet, and the length of its payload in bytes."""
 
 
 def write_frame(channel: int, kind: Frame, payload: bytes = b"") -> None:
     """Write a packet to a socket's descriptor, waiting as long as it takes."""
-    os.write(channel, pack_frame(kind, payload))
-
-
-def read_frame(channel: int) -> tuple[Frame, bytes]:
-    """Read a packet, waiting as long as it takes.
-
-    Raises:
-        EOFError: the other side closed.
-    """
-    try:
-        packet = os.read(channel, 1 + MAX_PAYLOAD)
-    except ConnectionError:  # closed before it read our last packet
-        packet = b""
-    if not packet:
-        raise EOFError
-    return unpack_frame(packet)
+    payload = payload[:MAX_PAYLOAD]
+    os.write(channel, HEADER.pack(kind, len(payload)) + payload)
 
 
 def pack_observation(observation: Observation) -> bytes:
@@ -129,22 +107,6 @@ def unpack_observation(payload: bytes) -> dict[str, NDArray[Any]]:
     image = np.frombuffer(payload, np.uint8, IMAGE_BYTES).reshape(policy.IMAGE_SHAPE)
     touch = np.frombuffer(payload, "<f4", offset=IMAGE_BYTES)
     return {"image": image.copy(), "touch": touch.astype(np.float32)}
-
-
-def pack_action(action: NDArray[np.float32]) -> bytes:
-    """Return the numbers of ``fit_action`` as little-endian float32."""
-    return action.astype("<f4", copy=False).tobytes()
-
-
-def unpack_action(payload: bytes, size: int) -> NDArray[np.float32]:
-    """Return the action of ``pack_action``, float32 (size,).
-
-    Raises:
-        WireError: another number of bytes.
-    """
-    if len(payload) != 4 * size:
-        raise WireError(f"an action of {len(payload)} bytes, not {4 * size}")
-    return np.frombuffer(payload, "<f4").astype(np.float32)
 
 
 KEPT_OUTPUT = 4096
@@ -237,25 +199,14 @@ def wait_for(readable: Iterable[int], output: OutputPipe, deadline: float) -> bo
     return False
 
 
-def _packet_pair() -> tuple[socket.socket, socket.socket]:
-    """Return two connected sockets that keep the bounds of what is sent."""
-    try:
-        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    except OSError:  # macOS: a stream, on which both sides take turns, holds one packet at a time
-        pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        for one in pair:
-            for size in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-                one.setsockopt(socket.SOL_SOCKET, size, 4 * MAX_PAYLOAD)
-        return pair
-
-
 class EpisodeChannel:
-    """Packets to and from a watched child, an answer to each request, and the pipe it prints to."""
+    """Packets to and from a watched child, and the pipe that it prints to."""
 
     def __init__(self) -> None:
         self.output = OutputPipe()
-        self._ours, self._theirs = _packet_pair()
+        self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
+        self._received = b""
         self.descriptors = (self._theirs.fileno(), self.output.writer.fileno())
         self._process = -1
 
@@ -268,34 +219,33 @@ class EpisodeChannel:
         """Note which process is at the other end; the host reaps it when it is stopped."""
         self._process = watch(pid)
 
-    def ask(self, kind: Frame, payload: bytes, deadline: float) -> tuple[Frame, bytes]:
-        """Send a request and return the answer.
-
-        Raises:
-            TimeoutError: not answered in time.
-            EOFError: the child ended, or closed its end.
-            WireError: not a packet of this protocol, or one that came before the request.
-        """
-        if self._take():
+    def ask(self, observation: bytes, deadline: float) -> tuple[Frame, bytes]:
+        """Send an observation and return the answer; raises what ``receive`` does."""
+        if self._received or self._take():
             raise WireError("it answered before it was asked")
-        with contextlib.suppress(ConnectionError):  # if it has ended, no answer comes
-            try:
-                self._ours.send(pack_frame(kind, payload))
-            except BlockingIOError:
-                raise WireError("it does not read its requests") from None
+        # If it has ended, or reads nothing, no answer comes.
+        with contextlib.suppress(ConnectionError, BlockingIOError):
+            self._ours.send(observation)
         return self.receive(deadline)
 
     def receive(self, deadline: float) -> tuple[Frame, bytes]:
-        """Return the next packet of the child; raises what ``ask`` does."""
-        if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
-            raise TimeoutError
-        packet = self._take()
-        if not packet:
-            raise EOFError
-        return unpack_frame(packet)
+        """Return the kind and the payload of the child's next packet.
+
+        Raises:
+            TimeoutError: none came in time.
+            EOFError: the child ended, or closed its end.
+            WireError: not a packet of this protocol, or one that came before the observation.
+        """
+        while len(self._received) < (end := self._packet_end()):
+            if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
+                raise TimeoutError
+            if not self._take():
+                raise EOFError
+        packet, self._received = self._received[:end], self._received[end:]
+        return Frame(packet[0]), packet[HEADER.size :]
 
     def hang_up(self) -> None:
-        """Close all but the output; a child that lives reads the end of its requests."""
+        """Close all but the output; a child that lives reads the end of the observations."""
         self._ours.close()
         if self._process >= 0:
             os.close(self._process)
@@ -306,15 +256,22 @@ class EpisodeChannel:
         self.hang_up()
         self.output.close()
 
-    def _take(self) -> bytes:
-        """Return the packet that is there, empty where there is none or no more can come."""
-        try:
-            packet, _, flags, _ = self._ours.recvmsg(1 + MAX_PAYLOAD)
-        except (BlockingIOError, ConnectionError):
-            return b""
-        if flags & socket.MSG_TRUNC:
-            raise WireError(f"a packet of more than {MAX_PAYLOAD} bytes")
-        return packet
+    def _packet_end(self) -> int:
+        """Return how many bytes the next packet has, or its header while that is not received."""
+        if len(self._received) < HEADER.size:
+            return HEADER.size
+        kind, length = HEADER.unpack_from(self._received)
+        if kind not in {*Frame} or length > MAX_PAYLOAD:
+            raise WireError(f"a packet of kind {kind} with {length} bytes")
+        return HEADER.size + length
+
+    def _take(self) -> int:
+        """Read what is there and return its length, 0 where nothing is or no more can come."""
+        part = b""
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            part = self._ours.recv(MAX_PAYLOAD)
+        self._received += part
+        return len(part)
 
 
 class HostGoneError(Exception):
@@ -326,9 +283,8 @@ class HostConnection:
 
     def __init__(self, setup: HostSetup) -> None:
         self.setup = setup
-        self._control, theirs = _packet_pair()
+        self._control, theirs = socket.socketpair()
         self.output = OutputPipe()
-        self._in_order = False
         # In the sandbox a host has nothing in its environment that a policy must not learn.
         is_confined = setup.options.level is policy.Isolation.SANDBOX
         known = HOST_VARIABLES if is_confined else os.environ.keys()
@@ -355,24 +311,17 @@ class HostConnection:
         A number is the order to end the child, which has so many seconds to exit by itself.
 
         Raises:
-            HostGoneError: the host is gone, or silent for so long, or an earlier order was
-                broken off, so that its answer would be taken for this one's.
+            HostGoneError: the host is gone, or silent for so long: it can take no other order.
         """
-        if self._in_order:
-            raise HostGoneError("an earlier order was broken off")
-        self._in_order = True
         try:
             socket.send_fds(self._control, [msgspec.json.encode(order)], descriptors)
             deadline = CLOCK.now() + timeout_s
             if not wait_for((self._control.fileno(),), self.output, deadline):
                 raise HostGoneError(f"no answer within {timeout_s:g} s")
-            packet = self._control.recv(MAX_PAYLOAD)
-        except OSError as error:
-            raise HostGoneError(str(error)) from error
-        if not packet:
-            raise HostGoneError("it ended")
-        self._in_order = False
-        return msgspec.json.decode(packet)
+            answer: dict[str, Any] = msgspec.json.decode(self._control.recv(MAX_PAYLOAD))
+        except (OSError, ValueError) as error:  # it ended, or answers to an order before
+            raise HostGoneError("it ended") from error
+        return answer
 
     def close(self) -> None:
         """End the host and every process it forked."""

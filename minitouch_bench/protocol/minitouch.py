@@ -8,7 +8,7 @@ the fact behind every R and the reason of every D. A change here changes episode
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated
 
 import numpy as np
@@ -185,39 +185,13 @@ PICK_UP = PickUpSpec(
     portrait=TABLETOP_PORTRAIT,
     workspace=Workspace((0.5, -0.20, 0.0), (0.75, 0.20, 0.15)),  # R
     camera=_overhead(0.625, 0.0),
-    arm=ArmSpec(
-        start_joints=POINTING_DOWN.start_joints,
-        posture=POINTING_DOWN.posture,
-        motor_force=(60.0, 60.0),  # D
-        discrete_gripper=True,
-    ),
+    arm=replace(POINTING_DOWN, motor_force=(60.0, 60.0), discrete_gripper=True),  # D
     force_limit=200.0,  # R
     default_objects=Split.TRAIN.value,
     object_can_leave=True,  # T
     clearance=0.09,  # D: the shapes are wide, and the fingers open at the first step
     cube=CubeSpec(side=0.045, mass=0.2),  # D
 )
-
-TASK_SPECS: tuple[TaskSpec, ...] = (PLAYING, PUSHING, OPENING, PICK_UP)
-"""Every task, in the order of every table."""
-
-SUITE_SPECS = (
-    SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
-    SuiteSpec(
-        "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
-    ),
-    SuiteSpec(
-        "dark",
-        ("playing", "opening", "pick-up"),
-        100,
-        rankable=True,
-        light=0.0,
-        lacks="the light is off, and the target of pushing cannot be felt",
-    ),
-    SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
-)
-"""Every suite."""
-
 
 PROTOCOL = ProtocolSpec(
     name="minitouch-v1",
@@ -226,8 +200,22 @@ PROTOCOL = ProtocolSpec(
     control=ControlSpec(),
     observation=ObservationSpec(),
     shapes="975ccc9ddde05b4519a40f17a4b56ae0a3109eb5e3d9b57893312bdb06c26ea8",
-    tasks=TASK_SPECS,
-    suites=SUITE_SPECS,
+    tasks=(PLAYING, PUSHING, OPENING, PICK_UP),
+    suites=(
+        SuiteSpec("table4", ("playing", "pushing", "opening", "pick-up"), 100, rankable=True),
+        SuiteSpec(
+            "novel-shapes", ("playing", "pushing", "pick-up"), 400, rankable=True, novel_shapes=True
+        ),
+        SuiteSpec(
+            "dark",
+            ("playing", "opening", "pick-up"),
+            100,
+            rankable=True,
+            light=0.0,
+            lacks="the light is off, and the target of pushing cannot be felt",
+        ),
+        SuiteSpec("smoke", ("playing", "pushing", "opening", "pick-up"), 5, rankable=False),
+    ),
 )
 """The protocol, whose tasks every list of tasks anywhere follows."""
 

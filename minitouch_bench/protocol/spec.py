@@ -331,9 +331,6 @@ def content_digest(content: Any) -> str:
 ACTION_SIZES = (4, 5)
 """Numbers in an action: dx, dy, dz, finger, and where the gripper can turn a fifth, the yaw."""
 
-FLOAT_BYTES = (2, 4, 8)
-"""Item sizes of the floating types that an action may come in."""
-
 
 def fit_action(raw: object, size: int) -> NDArray[np.float32]:
     """Return an action as float32 (size,), unclipped.
@@ -353,7 +350,7 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
         elif "requires grad" in describe(error):
             what = "a tensor that requires grad: use torch.no_grad() or .detach()"
         raise InvalidActionError(f"the action is {what}") from error
-    if action.dtype.kind != "f" or action.dtype.itemsize not in FLOAT_BYTES:
+    if action.dtype.kind != "f":
         raise InvalidActionError(f"the action is of type {action.dtype}, not floats")
     if action.ndim == 2 and action.shape[0] == 1:
         action = action[0]
@@ -366,7 +363,4 @@ def fit_action(raw: object, size: int) -> NDArray[np.float32]:
         single = action.astype(np.float32)
     if not np.isfinite(single).all():
         raise InvalidActionError("the action contains NaN or infinity")
-    fitted = np.zeros(size, np.float32)
-    count = min(size, len(single))
-    fitted[:count] = single[:count]
-    return fitted
+    return np.append(single, np.float32(0.0))[:size]

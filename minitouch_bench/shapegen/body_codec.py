@@ -116,19 +116,13 @@ def _read_mesh(record: bytes, at: int, sizes: tuple[int, int], index_type: str) 
     return mesh, at + faces.nbytes
 
 
-def files_stem(record_digest: str) -> str:
-    """Return what the names of a shape's files begin with, from its record's digest."""
-    return f"{record_digest[:20]}-{CODEC}"
-
-
-def file_names(stem: str) -> tuple[str, str, str]:
-    """Return the names of the collision OBJ, the visual OBJ and the URDF, in alphabetic order."""
-    return f"{stem}-collision.obj", f"{stem}-visual.obj", f"{stem}.urdf"
-
-
 def body_files(body: Body, stem: str = "") -> dict[str, bytes]:
-    """Return the bytes of a body's files by their ``file_names``; equal bodies give equal bytes."""
-    collision, visual, urdf = file_names(stem or files_stem(digest(encode(body))))
+    """Return the bytes of a body's two OBJ files and its URDF by name, in alphabetic order.
+
+    Equal bodies give equal bytes, if ``stem``, with which the names begin, is equal or left out.
+    """
+    stem = stem or f"{digest(encode(body))[:20]}-{CODEC}"
+    collision, visual, urdf = f"{stem}-collision.obj", f"{stem}-visual.obj", f"{stem}.urdf"
     ixx, iyy, izz = body.inertia
     text = URDF.format(
         mass=body.mass, ixx=ixx, iyy=iyy, izz=izz, visual=visual, collision=collision

@@ -7,7 +7,7 @@ memory of the workers that import is limited.
 import math
 import re
 import resource
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,24 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from minitouch_bench.errors import (
-    InfrastructureError,
-    MiniTouchError,
-    RunDirectoryError,
-    UsageError,
-)
+from minitouch_bench.errors import InfrastructureError, RunDirectoryError, UsageError
 from minitouch_bench.files import GIB, lock_directory, os_errors_as, replace_file
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen import solids, soundness
-from minitouch_bench.shapegen.body_codec import (
-    Body,
-    body_files,
-    digest,
-    encode,
-    obj_text,
-    quantized,
-)
+from minitouch_bench.shapegen.body_codec import body_files, digest, encode, obj_text, quantized
 from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
 from minitouch_bench.shapegen.geometry import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
@@ -63,14 +51,10 @@ CROSSING = "its faces cross each other, so that it encloses no certain volume; r
 
 LENGTH = (0.010, 0.125)
 """Twice the way from the center of mass to the farthest end, m; a record stores up to 0.13."""
-SEEN_LENGTH = 0.04
-"""Of a compact object that the policy's camera sees, m."""
 USUAL_DENSITY = 1000.0
 """That of water, kg/m³."""
 METERS = (1.0, 0.001, 0.01, 0.0254)
 """Meters in what the unit of a file can be: m, mm, cm, inches."""
-MOST_TRIES = 4
-"""Scales that are tried for an object whose size is refused."""
 
 
 @dataclass(frozen=True)
@@ -133,17 +117,17 @@ def import_objects(
     with lock_directory(folder):
         _check_output(folder, fresh=fresh)
         answers = _import_all(objects, config, workers, progress)
-        refused = {name: reason for name, (reason, _, _) in answers.items() if reason}
-        accepted = {name: answer for name, answer in answers.items() if name not in refused}
-        first: dict[str, str] = {}
-        for name, (_, entry, record) in accepted.items():
+        refused, not_promised = dict[str, str](), dict[str, list[str]]()
+        kept, first = [], dict[str, str]()
+        for name, plain in zip(objects, _plain_names(objects), strict=True):
+            reason, entry, record = answers[name]
+            if reason:
+                refused[name] = reason
+                continue
+            not_promised[name] = entry["not_promised"]
             if (same := first.setdefault(digest(record), name)) != name:
-                entry["not_promised"].append(f"{soundness.Reason.COPY} ({same})")
-        plain = dict(zip(objects, _plain_names(objects), strict=True))
-        kept = [
-            ({"name": plain[name], "family": FAMILY, "source": name, **entry}, record)
-            for name, (_, entry, record) in accepted.items()
-        ]
+                not_promised[name].append(f"{soundness.Reason.COPY} ({same})")
+            kept.append(({"name": plain, "family": FAMILY, "source": name, **entry}, record))
         set_digest = ""
         if kept:
             how: dict[str, Any] = {"scale": config.scale, "fit": config.fit}
@@ -151,7 +135,6 @@ def import_objects(
                 how["scales"] = dict(config.scales)
             header = {"name": folder.absolute().name, "imported": how, "refused": refused}
             set_digest = content_digest(write_set(folder, header, kept))
-    not_promised = {name: entry["not_promised"] for name, (_, entry, _) in accepted.items()}
     return ImportResult(set_digest, len(kept), refused, not_promised)
 
 
@@ -215,7 +198,7 @@ def import_one(task: tuple[Path, ImportConfig]) -> Imported:
     """Import one file.
 
     Raises:
-        MiniTouchError: something failed that is not the file's fault; an OSError too.
+        OSError: something failed that is not the file's fault.
     """
     path, config = task
     try:
@@ -225,13 +208,13 @@ def import_one(task: tuple[Path, ImportConfig]) -> Imported:
         try:
             entry, record = shape_of(closed, scale, config.density)
         except soundness.UnsoundError as error:
-            advice = "" if config.fit else _advice(closed, config, error)
+            advice = "" if config.fit else _advice(closed, config, error.reason)
             return f"{error}{advice}", {}, b""
     except (UnreadableError, soundness.UnsoundError) as error:
         return str(error), {}, b""
     except MemoryError:
         return f"it takes more than {MOST_MEMORY // GIB} GiB of memory", {}, b""
-    except (MiniTouchError, OSError):
+    except OSError:
         raise
     except Exception as error:  # a degenerate surface can fail in any step
         return f"no solid can be made of its surface ({type(error).__name__})", {}, b""
@@ -260,25 +243,23 @@ def shape_of(
     return {**entry_of(body, measures, density), "not_promised": not_promised}, encode(body)
 
 
-def _advice(closed: Mesh, config: ImportConfig, error: soundness.UnsoundError) -> str:
+def _advice(closed: Mesh, config: ImportConfig, reason: soundness.Reason) -> str:
     """Return a scale that is accepted, in words; "" where the size is not the reason.
 
-    A usual unit is preferred where the object is far too long or too short.
+    The units that give a possible length are tried first, then the scale that ``--fit`` takes.
     """
-    scale, said, (low, high) = config.scale, list[str](), LENGTH
+    if reason not in (soundness.Reason.SIZE, soundness.Reason.UNSEEN):
+        return ""
+    said, (low, high) = "", LENGTH
     units = [unit for unit in METERS if low <= _length(closed) * unit <= high]
-    if low <= _length(closed) * scale <= high:
-        units = []
-    while error.factor and len(said) < MOST_TRIES:
-        scale = units.pop(0) if units else float(f"{scale * error.factor:.3g}")
+    for scale in (*units, float(f"{_fitting(closed):.3g}")):
         try:
             shape_of(closed, scale, config.density)
-        except soundness.UnsoundError as other:
-            error = other
-            said.append(f"with --scale {scale:g} {other}")
+        except soundness.UnsoundError as error:
+            said = f"with --scale {scale:g} {error}"
         else:
             return f"; accepted with --scale {scale:g}"
-    return "; ".join(["", "no accepted scale was found", *said[-2:]]) if said else ""
+    return f"; no accepted scale was found; {said}"
 
 
 def closed_mesh(mesh: Mesh) -> Mesh:
@@ -289,8 +270,9 @@ def closed_mesh(mesh: Mesh) -> Mesh:
     """
     moved = in_body_frame(solids.simplified_solid(_solid_of(mesh), BUILD.faces))
     low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)
-    spread = np.diag(solid_moments(moved).second)
-    if not ((low < 0.0) & (high > 0.0) & (spread > 0.0)).all():  # of a solid all three are true
+    moments = np.diag(solid_moments(moved).inertia)
+    # Of a solid all three are true: no moment is as large as the two others together.
+    if not ((low < 0.0) & (high > 0.0) & (2.0 * moments < moments.sum())).all():
         raise UnreadableError(CROSSING)
     return moved
 
@@ -301,15 +283,11 @@ def _sized(closed: Mesh, scale: float) -> Mesh:
     Raises:
         UnsoundError: it is too long or too short.
     """
-    longest, (low, high) = _length(closed), LENGTH
-    if not low <= longest * scale <= high:
-        hull = _unit_hull(closed)
-        excess = longest * soundness.lying_excess(hull, rest_poses(hull)[0])
-        most = 0.99 * min(high / longest, 1.0 / excess)
-        nearest = float(np.clip(scale, SEEN_LENGTH / longest, most)) / scale
-        size = soundness.in_mm(longest * scale)
-        found = f"{size}, not {low * 1000:.0f} to {soundness.in_mm(high, 0)}"
-        raise soundness.UnsoundError(soundness.Reason.SIZE, found, nearest)
+    length, (low, high) = _length(closed) * scale, LENGTH
+    if not low <= length <= high:
+        limits = f"{low * 1000:.0f} to {soundness.in_mm(high, 0)}"
+        found = f"{soundness.in_mm(length)}, not {limits}"
+        raise soundness.UnsoundError(soundness.Reason.SIZE, found)
     mesh = Mesh(quantized(closed.vertices * scale), closed.faces)
     # Slivers may have lost their area to the grid; the way through a solid drops them.
     cleaned = solids.to_mesh(solids.to_solid(mesh))
@@ -403,14 +381,10 @@ def export_shapes(shapes: ShapeSet, folder: Path, form: str, split: str | None =
     with os_errors_as(InfrastructureError, folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
         for shape in shapes.split(split) if split else shapes.shapes:
-            for name, content in WRITERS[form](shape.body(), shape.name).items():
+            files = body_files(shape.body(), shape.name)
+            if form == "obj":
+                files = {f"{shape.name}.obj": obj_text((shape.body().visual,)).encode()}
+            for name, content in files.items():
                 replace_file(folder / name, content)
-                written += 1
+            written += len(files)
     return written
-
-
-WRITERS: Mapping[str, Callable[[Body, str], dict[str, bytes]]] = {
-    "urdf": body_files,
-    "obj": lambda body, name: {f"{name}.obj": obj_text((body.visual,)).encode()},
-}
-"""Every export format by name: from a body and its name to file names and their bytes."""

@@ -77,11 +77,10 @@ def _smooth_union(
 ) -> Callable[[float, float, float], float]:
     """Return the field of capsules, positive inside, joined by a soft maximum."""
     # Plain floats: the solver asks for one point at a time, where numpy is ten times slower.
-    parts = [
-        (*start, *axis, float(axis @ axis), radius)
+    capsules = [
+        (*start, *axis.tolist(), float(axis @ axis), radius)
         for start, axis, radius in zip(starts.tolist(), axes, radii.tolist(), strict=True)
     ]
-    capsules = [tuple(float(number) for number in part) for part in parts]
 
     def field(x: float, y: float, z: float) -> float:
         depths = []

@@ -11,26 +11,20 @@ from typing import Any
 
 import coacd
 import numpy as np
+from msgspec import to_builtins
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
 from minitouch_bench.files import lock_directory, os_errors_as, replace_file
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
+from minitouch_bench.shapegen import soundness
 from minitouch_bench.shapegen.body_codec import Body, body_files, decode, digest, encode, quantized
 from minitouch_bench.shapegen.families import FAMILIES, GENERATOR_VERSION
 from minitouch_bench.shapegen.geometry import Mesh, Points, in_body_frame, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, PACK, SCHEMA, splits_of
 from minitouch_bench.shapegen.solids import Solid, hull_of, simplified, to_mesh, to_solid
-from minitouch_bench.shapegen.soundness import (
-    LIMITS,
-    Reason,
-    SoundnessConfig,
-    UnsoundError,
-    check_body,
-    check_mesh,
-    grip_scale,
-)
+from minitouch_bench.shapegen.soundness import LIMITS, Reason, SoundnessConfig, UnsoundError
 from minitouch_bench.simulation.builds import BUILDS
 
 Progress = Callable[[int, int], None]
@@ -191,11 +185,6 @@ exact copies only; they take their next sound draw.
 """
 
 
-def family_of(index: int) -> str:
-    """Return the family of shape number ``index``: they take turns."""
-    return tuple(FAMILIES)[index % len(FAMILIES)]
-
-
 def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
     """Return the manifest's entry and the record of a shape, of (seed of the set, index).
 
@@ -206,7 +195,7 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
         InfrastructureError: no attempt gave a sound shape.
     """
     root, index = task
-    family = family_of(index)
+    family = tuple(FAMILIES)[index % len(FAMILIES)]
     refused: Counter[str] = Counter()
     for attempt in range(BUILD.attempts):
         rng = np.random.default_rng(np.random.SeedSequence([root, index, attempt]))
@@ -214,7 +203,7 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
             mesh = sized(FAMILIES[family](rng), rng)
             density = drawn_density(mesh, rng)
             body = weighed(mesh, density)
-            measures = check_body(body)
+            measures = soundness.check_body(body)
             if task in NEAR_COPIES and not refused[Reason.COPY.name]:
                 raise UnsoundError(Reason.COPY)
         except UnsoundError as error:
@@ -232,7 +221,7 @@ def make_shape(task: tuple[int, int]) -> tuple[dict[str, Any], bytes]:
 
 
 def record_facts(body: Body) -> dict[str, Any]:
-    """Return what the manifest says of a body and its record alone says too, SI units."""
+    """Return the manifest's fields that can be recomputed from the record alone, SI units."""
     return {
         "mass_kg": body.mass,
         "extents_m": [round(side, 6) for side in body.visual.extents.tolist()],
@@ -246,15 +235,7 @@ def record_facts(body: Body) -> dict[str, Any]:
 
 def entry_of(body: Body, measures: Mapping[str, Any], density: float) -> dict[str, Any]:
     """Return the manifest's entry of a body, SI units; mass and poses are not rounded."""
-    poses = [
-        {
-            "quaternion": list(pose.quaternion),
-            "height_m": pose.height,
-            "probability": round(pose.probability, 5),
-        }
-        for pose in measures["poses"]
-    ]
-    return {**record_facts(body), "density": round(density, 3), **measures, "poses": poses}
+    return {**record_facts(body), "density": round(density, 3), **to_builtins(measures)}
 
 
 def sized(solid: Solid, rng: np.random.Generator) -> Mesh:
@@ -271,9 +252,9 @@ def sized(solid: Solid, rng: np.random.Generator) -> Mesh:
     # Solid parts as long as wide: what is flat or thin is hardly felt by a hand above it.
     sides = np.sort(rng.uniform(*BUILD.sides, size=3))[::-1]
     mesh = in_body_frame(Mesh(mesh.vertices * (sides / mesh.extents), mesh.faces))
-    factor = grip_scale(mesh, rng.uniform(*BUILD.width))
+    factor = soundness.grip_scale(mesh, rng.uniform(*BUILD.width))
     mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
-    check_mesh(mesh)
+    soundness.check_mesh(mesh)
     return mesh
 
 
@@ -295,7 +276,7 @@ def weighed(mesh: Mesh, density: float) -> Body:
     """Return the body of a mesh on the grid and in its frame, at a density in kg/m³."""
     moments = solid_moments(mesh)
     hulls = tuple(hull_of(quantized(points)) for points in convex_parts(mesh))
-    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
+    ixx, iyy, izz = (np.diag(moments.inertia) * density).tolist()
     body = Body(mesh, hulls, moments.volume * density, (ixx, iyy, izz))
     return decode(encode(body))  # what is proven is what is stored
 

@@ -36,15 +36,11 @@ class Mesh:
 
 @dataclass(frozen=True)
 class SolidMoments:
-    """Volume (m³), centroid (3,) (m) and second moments (3, 3) (m⁵) about the centroid."""
+    """Volume (m³), centroid (3,) (m) and inertia (3, 3) about it at a density of 1 kg/m³."""
 
     volume: float
     centroid: Points
-    second: Points
-
-    def inertia(self) -> Points:
-        """Inertia tensor about the centroid at density 1 kg/m³, float64 (3, 3)."""
-        return np.trace(self.second) * np.eye(3) - self.second
+    inertia: Points
 
 
 def solid_moments(mesh: Mesh) -> SolidMoments:
@@ -58,13 +54,14 @@ def solid_moments(mesh: Mesh) -> SolidMoments:
     second = np.einsum("f,fki,fkj->ij", six_volumes, corners, corners)
     second = (second + np.einsum("f,fi,fj->ij", six_volumes, sums, sums)) / 120.0
     second = second - volume * np.outer(centroid, centroid)
-    return SolidMoments(float(volume), centroid + origin, second)
+    inertia = np.trace(second) * np.eye(3) - second
+    return SolidMoments(float(volume), centroid + origin, inertia)
 
 
 def in_body_frame(mesh: Mesh) -> Mesh:
     """Move a closed mesh into its body frame; x is the axis of least inertia."""
     moments = solid_moments(mesh)
-    rotation = principal_axes(moments.inertia())
+    rotation = principal_axes(moments.inertia)
     return mesh.moved(rotation, -rotation @ moments.centroid)
 
 

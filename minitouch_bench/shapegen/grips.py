@@ -13,7 +13,7 @@ import pybullet_data
 from minitouch_bench.protocol.minitouch import PICK_UP, PLAYING, PROTOCOL, PUSHING
 from minitouch_bench.shapegen import geometry
 from minitouch_bench.shapegen.body_codec import Body, body_files
-from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient, View
+from minitouch_bench.simulation.client import INVISIBLE, PhysicsClient
 
 PAD_HALF_WIDTH = 0.0105
 """Half the width of the Panda's finger along x, m."""
@@ -99,14 +99,15 @@ def _rated(points: geometry.Points, x: float, z: float, depth: float) -> tuple[G
     strip = points[np.abs(points[:, 0] - x) <= PAD_HALF_WIDTH]
     strip = strip[strip[:, 2] >= z - TIP_BELOW_TARGET - 0.002]
     pad = strip[strip[:, 2] <= z + PAD_ABOVE_TARGET]
+    impossible = Grasp(x, 0.0, z, float("inf")), float("inf")
     if len(pad) < 2:
-        return Grasp(x, 0.0, z, float("inf")), float("inf")
+        return impossible
     low, high = float(pad[:, 1].min()), float(pad[:, 1].max())
     wide_low = min(low, float(strip[:, 1].min()) + RECESS)
     wide_high = max(high, float(strip[:, 1].max()) - RECESS)
     width = wide_high - wide_low
     if width > WIDEST_GRIP - 0.006:
-        return Grasp(x, 0.0, z, float("inf")), float("inf")
+        return impossible
     left, right = pad[pad[:, 1] <= low + 0.0015], pad[pad[:, 1] >= high - 0.0015]
     across = left.mean(axis=0) - right.mean(axis=0)
     ends = 0.5 * np.abs(left.mean(axis=0) + right.mean(axis=0))
@@ -156,10 +157,9 @@ class GripRig:
 
     def settle(self, pose: geometry.RestPose) -> Rest:
         """Lay the body down tilted by 2 degrees, 1 mm above the table, and wait 1.5 s."""
-        start = geometry.product((float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180))),
-                        pose.quaternion)  # fmt: skip
-        lowest = float((self._vertices @ geometry.rotation_matrix(start)[2]).min())
-        body = self._fresh_world(start, 0.002 - lowest)
+        tilt = (float(np.sin(np.pi / 180)), 0.0, 0.0, float(np.cos(np.pi / 180)))
+        start = geometry.product(tilt, pose.quaternion)
+        body = self._fresh_world(start, 0.002 - self._lowest(start))
         for _ in range(SETTLE_TICKS):
             self._client.step()
         speed = spin = 0.0
@@ -168,9 +168,8 @@ class GripRig:
             linear, angular = self._client.speed(body)
             speed, spin = max(speed, linear), max(spin, angular)
         position, quaternion = self._client.pose(body)
-        rotation = geometry.rotation_matrix(quaternion)
-        cosine = float(rotation[2] @ geometry.rotation_matrix(pose.quaternion)[2])
-        gap = position[2] + float((self._vertices @ rotation[2]).min())
+        cosine = float(geometry.rotation_matrix(quaternion)[2] @ pose.rotation[2])
+        gap = position[2] + self._lowest(quaternion)
         return Rest(quaternion, position[2], float(np.arccos(min(1.0, cosine))), speed, spin, gap)
 
     def lift(self, pose: geometry.RestPose, angle: float, surface: geometry.Points) -> bool:
@@ -190,10 +189,7 @@ class GripRig:
             self._client.drive_joints(gripper, (POST, *FINGERS), targets, GRIPPER_FORCES)
             self._client.step()
         position, quaternion = self._client.pose(body)
-        lowest = position[2] + float(
-            (self._vertices @ geometry.rotation_matrix(quaternion)[2]).min()
-        )
-        return lowest >= PICK_UP.lift
+        return position[2] + self._lowest(quaternion) >= PICK_UP.lift
 
     def visible_pixels(self, pose: geometry.RestPose) -> int:
         """Return how many pixels of a policy's image show the body where it is seen worst."""
@@ -203,11 +199,15 @@ class GripRig:
             (low_x, low_y, _), (high_x, high_y, _) = spec.workspace.low, spec.workspace.high
             for x, y in itertools.product((low_x, high_x), (low_y, high_y)):
                 target = np.subtract(spec.camera.target, (x, y, PROTOCOL.physics.table_top))
-                view = View.of(replace(spec.camera, target=tuple(target.tolist())))
+                camera = replace(spec.camera, target=tuple(target.tolist()))
                 size = PROTOCOL.observation.image_size
-                image = self._client.render(view, size, size, bodies=True)
+                image = self._client.render(camera, size, size, bodies=True)
                 counts.append(np.count_nonzero(image.bodies == body))
         return int(min(counts))
+
+    def _lowest(self, quaternion: geometry.Quaternion) -> float:
+        """Return how far the lowest corner of a turned body is above its origin, in m."""
+        return float((self._vertices @ geometry.rotation_matrix(quaternion)[2]).min())
 
     def _fresh_world(self, quaternion: geometry.Quaternion, height: float) -> int:
         """Rebuild the world in one fixed order: PyBullet repeats itself to the bit only then."""

@@ -18,27 +18,11 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct, ValidationError, convert
 from msgspec.structs import replace
 
+from minitouch_bench import files
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import (
-    GIB,
-    LARGEST_FILE,
-    MIB,
-    cache_directory,
-    cache_errors,
-    open_plain,
-    read_file,
-    replace_file,
-)
 from minitouch_bench.json_io import StrPath, fault_in_words, whole
 from minitouch_bench.protocol.spec import CUBE, Split, content_digest
-from minitouch_bench.shapegen.body_codec import (
-    Body,
-    body_files,
-    decode,
-    digest,
-    file_names,
-    files_stem,
-)
+from minitouch_bench.shapegen import body_codec
 from minitouch_bench.shapegen.geometry import RestPose
 
 MANIFEST = "manifest.json"
@@ -51,7 +35,7 @@ HELD_OUT_SHARE = 0.2
 SALT = "minitouch split 1"
 PlainName = Annotated[str, Meta(pattern=whole(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,199}"))]
 """A shape's name and its family are names of files too."""
-Size = Annotated[int, Meta(ge=0, le=GIB)]
+Size = Annotated[int, Meta(ge=0, le=files.GIB)]
 KEYS = {"mass": "mass_kg", "extents": "extents_m", "digest": "sha256"}
 
 
@@ -96,30 +80,29 @@ class Shape(Struct, frozen=True, rename=KEYS):
     def urdf(self) -> Path:
         """Absolute path of its URDF in the cache, with its meshes beside it.
 
-        The files are read and hashed each time (0.1 ms), so a damaged one is never used: it
-        is written again from the record.
+        A file that is not as the record gives it is written again, so a damaged one is never used.
 
         Raises:
             UsageError: the record is damaged, or does not give the files of the manifest.
             InfrastructureError: the cache cannot be written.
         """
-        names = file_names(files_stem(self.digest))
-        folder = cache_directory() / "shapes" / self.digest[:2]
-        kept = ""
-        with suppress(OSError):
-            kept = digest(*(read_file(folder / name, MIB) for name in names))
-        if kept != self.files_sha256:
-            files = body_files(self.body())
-            if digest(*files.values()) != self.files_sha256:
-                raise UsageError(
-                    f"shape {self.digest[:20]}: its files differ from the manifest's; "
-                    "the set was made by another version of minitouch-bench"
-                )
-            with cache_errors(folder):
-                folder.mkdir(parents=True, exist_ok=True)
-                for name, content in files.items():
-                    replace_file(folder / name, content)
-        return folder / names[-1]
+        made = body_codec.body_files(self.body())
+        if body_codec.digest(*made.values()) != self.files_sha256:
+            raise UsageError(
+                f"shape {self.digest[:20]}: its files differ from the manifest's; "
+                "the set was made by another version of minitouch-bench"
+            )
+        folder = files.cache_directory() / "shapes" / self.digest[:2]
+        with files.cache_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, content in made.items():
+                kept = b""
+                with suppress(OSError):
+                    kept = files.read_file(folder / name, files.MIB)
+                if kept != content:
+                    files.replace_file(folder / name, content)
+        *_, urdf = made
+        return folder / urdf
 
     def record(self) -> bytes:
         """Return the record from the pack, verified.
@@ -128,18 +111,25 @@ class Shape(Struct, frozen=True, rename=KEYS):
             UsageError: it is not what the manifest says.
         """
         try:
-            with open(open_plain(self.pack, os.O_RDONLY, follow=True), "rb") as file:
+            with open(files.open_plain(self.pack, os.O_RDONLY, follow=True), "rb") as file:
                 file.seek(self.offset)
                 record = file.read(self.length)
         except OSError as error:
             raise UsageError(f"{self.pack} cannot be read: {error.strerror}") from error
-        if digest(record) != self.digest:
-            raise UsageError(f"{self.name}: its bytes in {self.pack} do not match the manifest")
+        if body_codec.digest(record) != self.digest:
+            raise UsageError(f"{self.pack}: the bytes of {self.name} are not the manifest's")
         return record
 
-    def body(self) -> Body:
-        """Return geometry, mass and inertia."""
-        return decode(self.record())
+    def body(self) -> body_codec.Body:
+        """Return geometry, mass and inertia.
+
+        Raises:
+            UsageError: the record is not what the manifest says, or a mesh in it is empty.
+        """
+        body = body_codec.decode(self.record())
+        if not body.hulls or not all(mesh.faces.size for mesh in (body.visual, *body.hulls)):
+            raise UsageError(f"{self.pack}: the record of {self.name} has an empty mesh")
+        return body
 
 
 @dataclass(frozen=True)
@@ -199,7 +189,7 @@ def load_shape_set(path: Path | str) -> ShapeSet:
     folder = Path(path).absolute()
     manifest = folder / MANIFEST
     try:
-        document = json.loads(read_file(manifest, LARGEST_FILE, follow=True))
+        document = json.loads(files.read_file(manifest, files.LARGEST_FILE, follow=True))
     except FileNotFoundError as error:
         raise UsageError(
             f"{folder} contains no shape set: {MANIFEST} is missing. Make one of mesh files with "

@@ -51,18 +51,14 @@ def find_objects(sources: Sequence[Path]) -> dict[str, Path]:
     objects: dict[str, Path] = {}
     for source in sources:
         if os.path.isdir(source):
-            found = (path for path in source.rglob("*") if path.is_file())
-            named = {str(path.relative_to(source)): path for path in found}
-        elif os.path.isfile(source) and source.suffix.lower() in SUFFIXES:
-            named = {source.name: source}
+            found = (path for path in source.rglob("*") if path.suffix.lower() in SUFFIXES)
+            named = {str(path.relative_to(source)): path for path in found if path.is_file()}
+        elif not os.path.exists(source):
+            raise UsageError(f"{source} does not exist")
+        elif source.suffix.lower() not in SUFFIXES:
+            raise UsageError(f"{source} is not an OBJ, STL, GLB or URDF file")
         else:
-            what = (
-                "is not an OBJ, STL, GLB or URDF file"
-                if os.path.exists(source)
-                else "does not exist"
-            )
-            raise UsageError(f"{source} {what}")
-        named = {name: path for name, path in named.items() if path.suffix.lower() in SUFFIXES}
+            named = {source.name: source}
         if twice := objects.keys() & named.keys():
             raise UsageError(f"two objects are called '{min(twice)}'; rename one of the files")
         objects |= named

@@ -52,11 +52,6 @@ def grown(solid: Solid, factor: float) -> Solid:
     return solid.translate((-middle).tolist()).scale([factor] * 3).translate(middle.tolist())
 
 
-def symmetric_difference(first: Solid, second: Solid) -> float:
-    """Return the volume that belongs to one of two solids only."""
-    return float((first - second).volume() + (second - first).volume())
-
-
 def simplified(mesh: Mesh, faces: int) -> Mesh:
     """Return a mesh of about ``faces`` faces (quadric edge collapse), perhaps not a manifold."""
     if len(mesh.faces) <= faces:

@@ -12,19 +12,11 @@ from typing import Any
 import numpy as np
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.shapegen import geometry
 from minitouch_bench.shapegen.body_codec import Body
-from minitouch_bench.shapegen.geometry import (
-    Mesh,
-    Points,
-    RestPose,
-    distances_to_surface,
-    rest_poses,
-    surface_points,
-    thinnest_wall,
-    widest_across,
-)
+from minitouch_bench.shapegen.geometry import Mesh, Points, RestPose
 from minitouch_bench.shapegen.grips import GripRig, open_rig
-from minitouch_bench.shapegen.solids import hull_of, symmetric_difference, to_mesh, to_solid, union
+from minitouch_bench.shapegen.solids import hull_of, to_mesh, to_solid, union
 
 
 class Reason(StrEnum):
@@ -95,14 +87,10 @@ HIGHEST_PUSHED = 0.080
 
 
 class UnsoundError(Exception):
-    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number.
+    """A shape fails a criterion; ``reason`` names it, ``detail`` gives the number."""
 
-    ``factor``: what makes its size pass, 0 where a size is not the reason or none is known.
-    """
-
-    def __init__(self, reason: Reason, detail: str = "", factor: float = 0.0) -> None:
+    def __init__(self, reason: Reason, detail: str = "") -> None:
         """Keep the reason for counting."""
-        self.factor = factor
         super().__init__(f"{reason.value}{f' ({detail})' if detail else ''}")
         self.reason = reason
 
@@ -127,8 +115,6 @@ def in_mm(length: float, digits: int = 1) -> str:
 
 def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
     """Check a visual mesh on its own; return its genus and its thinnest wall in m."""
-    if not np.isfinite(mesh.vertices).all():
-        raise UnsoundError(Reason.NOT_FINITE)
     if len(mesh.faces) > LIMITS.max_faces:
         raise UnsoundError(Reason.FACES, f"{len(mesh.faces)}, at most {LIMITS.max_faces}")
     solid = to_solid(mesh)
@@ -143,7 +129,7 @@ def check_mesh(mesh: Mesh, refuse: Refuse = strictly) -> tuple[int, float]:
     genus = int(solid.genus())
     if genus > LIMITS.max_genus:
         refuse(Reason.GENUS, f"{genus}, at most {LIMITS.max_genus}")
-    wall = thinnest_wall(mesh)
+    wall = geometry.thinnest_wall(mesh)
     if wall < LIMITS.least_wall:
         refuse(Reason.THIN_WALL, f"{in_mm(wall)}, at least {in_mm(LIMITS.least_wall)}")
     return genus, wall
@@ -158,17 +144,17 @@ def check_hulls(body: Body, refuse: Refuse = strictly) -> tuple[float, float]:
     if any(part.is_empty() for part in parts):
         raise UnsoundError(Reason.NOT_CLOSED, "a hull")
     cover = union(parts)
-    misfit = symmetric_difference(cover, solid) / float(solid.volume())
+    excess = cover - solid
+    misfit = (excess.volume() + (solid - cover).volume()) / solid.volume()
     if misfit > LIMITS.misfit:
         refuse(Reason.MISFIT, f"{misfit:.3f}, at most {LIMITS.misfit}")
-    excess = to_mesh(cover - solid)
     outside = 0.0
-    if len(excess.faces):
+    if not excess.is_empty():
         # One point in each 1.5 mm cell: booleans leave many slivers, and many points on them.
-        cloud = surface_points(excess, 0.005)
+        cloud = geometry.surface_points(to_mesh(excess), 0.005)
         _, kept = np.unique(np.rint(cloud / 0.0015), axis=0, return_index=True)
         cloud = cloud[kept]
-        outside = float(distances_to_surface(cloud, body.visual).max())
+        outside = float(geometry.distances_to_surface(cloud, body.visual).max())
     if outside > LIMITS.outside:
         refuse(Reason.OUTSIDE, f"{in_mm(outside)}, at most {in_mm(LIMITS.outside)}")
     return misfit, outside
@@ -207,7 +193,7 @@ def check_body(body: Body, refuse: Refuse = strictly) -> dict[str, Any]:
     with open_rig(body) as rig:
         held = with_shares(hull, settled_poses(rig, stable_poses(hull, refuse), refuse))
         laid = held[laid_pose(hull, held, refuse)]
-        lifted = lifted_share(rig, laid, surface_points(body.visual, 0.003), refuse)
+        lifted = lifted_share(rig, laid, geometry.surface_points(body.visual, 0.003), refuse)
     volume = float(to_solid(body.visual).volume())
     convexity = volume / float(to_solid(hull_of(body.visual.vertices)).volume())
     return {
@@ -229,31 +215,24 @@ def check_usable(body: Body, pose: RestPose, refuse: Refuse) -> None:
         UnsoundError: the hand can begin inside it, or the policy's camera hardly sees it.
     """
     height, across = (round(side, 4) for side in height_and_width(body.visual, pose))
-    if (excess := lying_excess(body.visual, pose)) > 1.0:
+    if height > HIGHEST or across > WIDEST:
         limits = f"at most {in_mm(HIGHEST, 0)} and {in_mm(WIDEST, 0)}"
         found = f"{in_mm(height)} high and {in_mm(across)} wide as it lies, {limits}"
-        raise UnsoundError(Reason.SIZE, found, 0.99 / excess)
+        raise UnsoundError(Reason.SIZE, found)
     if height > HIGHEST_PUSHED:
         refuse(Reason.IN_HAND, f"{in_mm(height)}, not at most {in_mm(HIGHEST_PUSHED, 0)}")
     with open_rig(body) as rig:
         pixels = rig.visible_pixels(pose)
     if pixels < (least := PROTOCOL.observation.least_visible_pixels):
-        found = f"{pixels} pixels where it is farthest, not {least}"
-        raise UnsoundError(Reason.UNSEEN, found, 1.1 * (least / max(1, pixels)) ** 0.5)
-
-
-def lying_excess(mesh: Mesh, pose: RestPose) -> float:
-    """Return how many times too large a mesh is in a pose, at most 1 where it is not."""
-    height, across = (round(side, 4) for side in height_and_width(mesh, pose))
-    return max(height / HIGHEST, across / WIDEST)
+        raise UnsoundError(Reason.UNSEEN, f"{pixels} pixels where it is farthest, not {least}")
 
 
 def stable_poses(hull: Mesh, refuse: Refuse = strictly) -> tuple[RestPose, ...]:
     """Return the stable poses of a hull by statics, likeliest first."""
-    poses = rest_poses(hull, LIMITS.least_share)
+    poses = geometry.rest_poses(hull, LIMITS.least_share)
     if len(poses) < 2:
         refuse(Reason.FEW_POSES, str(len(poses)))
-        poses = poses or rest_poses(hull)[:1]  # a ball rests anywhere
+        poses = poses or geometry.rest_poses(hull)[:1]  # a ball rests anywhere
     laid_pose(hull, poses, refuse)
     return poses
 
@@ -277,13 +256,13 @@ def laid_pose(hull: Mesh, poses: Sequence[RestPose], refuse: Refuse = strictly) 
 def height_and_width(mesh: Mesh, pose: RestPose) -> tuple[float, float]:
     """Return the height of a mesh in a pose and its largest width over all yaws, in m."""
     placed = mesh.vertices @ pose.rotation.T
-    return float(np.ptp(placed[:, 2])), widest_across(placed[:, :2])
+    return float(np.ptp(placed[:, 2])), geometry.widest_across(placed[:, :2])
 
 
 def grip_scale(mesh: Mesh, width: float) -> float:
     """Return the factor at which a mesh is ``width`` (m) wide in the pose the tasks lay it in."""
     hull = hull_of(mesh.vertices)
-    poses = rest_poses(hull, LIMITS.least_share)
+    poses = geometry.rest_poses(hull, LIMITS.least_share)
     if not poses:
         raise UnsoundError(Reason.FEW_POSES)
     longest = float(mesh.extents.max())
@@ -321,11 +300,13 @@ def with_shares(hull: Mesh, held: tuple[RestPose, ...]) -> tuple[RestPose, ...]:
     """Return held poses, likeliest first, each with the drops that end nearest to it."""
     downs = np.array([pose.rotation[2] for pose in held])
     shares = np.zeros(len(held))
-    for pose in rest_poses(hull, 0.0):
+    for pose in geometry.rest_poses(hull, 0.0):
         shares[int((downs @ pose.rotation[2]).argmax())] += pose.probability
     shares /= shares.sum()
     order = np.argsort(-shares.round(6), kind="stable")
-    return tuple(RestPose(held[i].quaternion, held[i].height, float(shares[i])) for i in order)
+    return tuple(
+        RestPose(held[i].quaternion, held[i].height, round(float(shares[i]), 5)) for i in order
+    )
 
 
 def lifted_share(rig: GripRig, pose: RestPose, surface: Points, refuse: Refuse = strictly) -> float:

@@ -4,7 +4,6 @@ import math
 import os
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,33 +68,30 @@ class Image(NamedTuple):
     bodies: NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class View:
-    """A camera: PyBullet's view and projection matrices (16 numbers each)."""
-
-    view: tuple[float, ...]
-    projection: tuple[float, ...]
-
-    @classmethod
-    def of(cls, camera: CameraSpec, aspect: float = 1.0) -> "View":
-        """Return the matrices of a camera; z is up."""
-        view = pybullet.computeViewMatrixFromYawPitchRoll(
+def _matrices(camera: CameraSpec, aspect: float) -> tuple[Vector, Vector]:
+    """Return a camera's view and projection as PyBullet's matrices (16 numbers each); z is up."""
+    return (
+        pybullet.computeViewMatrixFromYawPitchRoll(
             camera.target, camera.distance, camera.yaw, camera.pitch, 0.0, 2
-        )
-        projection = pybullet.computeProjectionMatrixFOV(
-            camera.field_of_view, aspect, camera.near, camera.far
-        )
-        return cls(tuple(view), tuple(projection))
+        ),
+        pybullet.computeProjectionMatrixFOV(camera.field_of_view, aspect, camera.near, camera.far),
+    )
 
-    def pixels(
-        self, x: NDArray[np.float64], y: NDArray[np.float64], z: float, size: tuple[int, int]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the row and column of points (m) in an image ``size`` wide and high."""
-        points = np.stack(np.broadcast_arrays(x, y, z, 1.0), axis=-1)
-        seen = points @ np.reshape(self.view, (4, 4)) @ np.reshape(self.projection, (4, 4))
-        across, up = seen[..., 0] / seen[..., 3], seen[..., 1] / seen[..., 3]
-        row, column = size[1] * (1 - up) / 2, size[0] * (1 + across) / 2
-        return row.clip(0, size[1] - 1).astype(int), column.clip(0, size[0] - 1).astype(int)
+
+def pixels_of(
+    camera: CameraSpec,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    z: float,
+    size: tuple[int, int],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the row and column of points (m) in a camera's image, ``size`` wide and high."""
+    view, projection = _matrices(camera, size[0] / size[1])
+    points = np.stack(np.broadcast_arrays(x, y, z, 1.0), axis=-1)
+    seen = points @ np.reshape(view, (4, 4)) @ np.reshape(projection, (4, 4))
+    across, up = seen[..., 0] / seen[..., 3], seen[..., 1] / seen[..., 3]
+    row, column = size[1] * (1 - up) / 2, size[0] * (1 + across) / 2
+    return row.clip(0, size[1] - 1).astype(int), column.clip(0, size[0] - 1).astype(int)
 
 
 def quaternion_from_euler(angles: Vector) -> tuple[float, float, float, float]:
@@ -236,10 +232,6 @@ class PhysicsClient:
         linear, angular = self._bullet.getBaseVelocity(body)
         return math.hypot(*linear), math.hypot(*angular)
 
-    def lowest_point(self, body: int) -> float:
-        """Return the height of a body's lowest point (m), its collision margin included."""
-        return float(self._bullet.getAABB(body, -1)[0][2])
-
     def scale_body(self, body: int, links: Iterable[int], mass: float, friction: float) -> None:
         """Multiply the mass, the file's moments of inertia and the friction of a body's links."""
         for link in links:
@@ -321,10 +313,6 @@ class PhysicsClient:
         points = pybullet.getContactPoints(body_a, body_b, ANY_LINK, ANY_LINK, self._bullet.id)
         return [Contact(point[3], point[4], point[9]) for point in points]
 
-    def overlapping(self, body_a: int, body_b: int, distance: float) -> bool:
-        """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
-        return len(self._bullet.getClosestPoints(body_a, body_b, distance)) > 0
-
     def contact_force(self, body: int, link: int) -> tuple[float, float, float]:
         """Return the normal forces (N) that contacts put on a link, summed, in the world."""
         total = [0.0, 0.0, 0.0]
@@ -339,13 +327,12 @@ class PhysicsClient:
         x, y, z, w = pybullet.getLinkState(body, link, 0, 0, self._bullet.id)[5]
         return 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
 
-    def render(self, view: View, width: int, height: int, *, bodies: bool = False) -> Image:
+    def render(self, camera: CameraSpec, width: int, height: int, *, bodies: bool = False) -> Image:
         """Render the world in software; ``bodies`` also returns the body at each pixel."""
         _, _, rgba, depth, seen = self._bullet.getCameraImage(
             width,
             height,
-            view.view,
-            view.projection,
+            *_matrices(camera, width / height),
             shadow=0,
             renderer=pybullet.ER_TINY_RENDERER,
             flags=0 if bodies else pybullet.ER_NO_SEGMENTATION_MASK,

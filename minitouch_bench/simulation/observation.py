@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec
-from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient, View
+from minitouch_bench.simulation.client import INVISIBLE, Image, Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import FINGER_JOINTS, PandaArm
 
-POSITION = PROTOCOL.observation.position
-OPENINGS = PROTOCOL.observation.openings
-FORCES = PROTOCOL.observation.forces
+OBSERVATION = PROTOCOL.observation
+POSITION, OPENINGS, FORCES = OBSERVATION.position, OBSERVATION.openings, OBSERVATION.forces
 SENSED_TOUCH = {"touch": slice(None), "forces": FORCES}
 """Part of the touch vector that a sense of its own can be taken from."""
 
 
 def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
     """Return the touch vector, float32 (11,), forces clipped to ``force_limit`` (N)."""
-    touch = np.empty(PROTOCOL.observation.touch_size, np.float32)
+    touch = np.empty(OBSERVATION.touch_size, np.float32)
     touch[POSITION] = arm.position
     # A squeezed finger reads a hair outside its joint's range.
     touch[OPENINGS] = np.clip(
@@ -42,16 +41,14 @@ def read_touch(arm: PandaArm, force_limit: float) -> NDArray[np.float32]:
 
 def observation_space(force_limit: float) -> spaces.Dict:
     """Return the space of observations with forces within ``force_limit`` (N)."""
-    spec = PROTOCOL.observation
-    low = np.empty(spec.touch_size, np.float32)
-    high = np.empty(spec.touch_size, np.float32)
-    low[POSITION], high[POSITION] = -spec.position_limit, spec.position_limit
-    low[OPENINGS], high[OPENINGS] = 0.0, 1.0
-    low[FORCES], high[FORCES] = -force_limit, force_limit
+    limits = np.ones(OBSERVATION.touch_size, np.float32)
+    limits[POSITION], limits[FORCES] = OBSERVATION.position_limit, force_limit
+    low = -limits
+    low[OPENINGS] = 0.0
     return spaces.Dict(
         {
-            "image": spaces.Box(0, 255, spec.image_shape, np.uint8),
-            "touch": spaces.Box(low, high, dtype=np.float32),
+            "image": spaces.Box(0, 255, OBSERVATION.image_shape, np.uint8),
+            "touch": spaces.Box(low, limits, dtype=np.float32),
         }
     )
 
@@ -60,8 +57,9 @@ class ContactWatch:
     """Contact between two fingers and some links of one body.
 
     A finger touches at a tick when one of its contact points carries a normal force > 0.
-    ``contact_ticks`` counts ticks with at least one touching finger, ``onsets`` the times a
-    finger began to touch; ``first_tick`` is the episode's first tick of contact, -1 if none.
+    Of the control step that ``begin_step`` began, ``ticks`` counts the ticks, ``contact_ticks``
+    those with at least one touching finger, and ``onsets`` the times a finger began to touch.
+    ``first_tick`` is the episode's first tick of contact, -1 if there was none.
     """
 
     def __init__(
@@ -72,10 +70,14 @@ class ContactWatch:
         self._target = target
         self._links = frozenset(target_links)
         self._touching: frozenset[int] = frozenset()
-        self._ticks = 0
-        self.contact_ticks = 0
-        self.onsets = 0
+        self._ticks_before = 0
+        self.ticks = self.contact_ticks = self.onsets = 0
         self.first_tick = -1
+
+    def begin_step(self) -> None:
+        """Count from 0 again."""
+        self._ticks_before += self.ticks
+        self.ticks = self.contact_ticks = self.onsets = 0
 
     def after_tick(self) -> None:
         """Look at the contacts of the tick just done."""
@@ -90,12 +92,11 @@ class ContactWatch:
             self.contact_ticks += 1
             self.onsets += len(touching - self._touching)
             if self.first_tick < 0:
-                self.first_tick = self._ticks
+                self.first_tick = self._ticks_before + self.ticks
         self._touching = touching
-        self._ticks += 1
+        self.ticks += 1
 
 
-OBSERVATION = PROTOCOL.observation
 SIZE = OBSERVATION.image_size
 _WEIGHTS = tuple(np.uint32(weight) for weight in OBSERVATION.grey_weights)
 
@@ -108,26 +109,26 @@ class GrayCamera:
     """A camera whose unmoving background is kept between pictures."""
 
     def __init__(self, camera: CameraSpec) -> None:
-        self._view = View.of(camera)
+        self._camera = camera
         self._table_x, self._table_y = seen_on_plane(camera, PROTOCOL.physics.table_top)
 
     def keep_background(
         self, client: PhysicsClient, table: int, static_parts: Collection[Part]
     ) -> None:
         """Render the table and ``static_parts`` alone as the background from now on."""
-        self._static = take_out(client, self._view, (SIZE, SIZE), {(table, -1), *static_parts})
+        self._static = take_out(client, self._camera, (SIZE, SIZE), {(table, -1), *static_parts})
         self._background = _pixels(self._static)
         self._is_table = self._static.bodies == table
 
     def visible_bodies(self, client: PhysicsClient) -> NDArray[np.int32]:
         """Return the body seen at each pixel, int32 (SIZE, SIZE)."""
-        image = client.render(self._view, SIZE, SIZE, bodies=True)
+        image = client.render(self._camera, SIZE, SIZE, bodies=True)
         hidden = image.depth >= self._static.depth
         return np.where(hidden, self._static.bodies, image.bodies)
 
     def capture(self, client: PhysicsClient, shadows: Sequence[Shadow] = ()) -> NDArray[np.uint8]:
         """Return the image, uint8 (C, SIZE, SIZE): what is visible now, over the background."""
-        image = client.render(self._view, SIZE, SIZE)
+        image = client.render(self._camera, SIZE, SIZE)
         hidden = image.depth >= self._static.depth
         return np.where(hidden, self._shaded(shadows), _pixels(image))
 
@@ -144,13 +145,13 @@ class GrayCamera:
 
 
 def take_out(
-    client: PhysicsClient, view: View, size: tuple[int, int], static_parts: Collection[Part]
+    client: PhysicsClient, camera: CameraSpec, size: tuple[int, int], static_parts: Collection[Part]
 ) -> Image:
     """Return an image of what never moves alone, ``size`` wide and high; it is drawn no more."""
     colors = client.colors()
     moving = {part: color for part, color in colors.items() if part not in static_parts}
     client.paint(dict.fromkeys(moving, INVISIBLE))
-    image = client.render(view, *size, bodies=True)
+    image = client.render(camera, *size, bodies=True)
     client.paint(moving)
     client.paint(dict.fromkeys(static_parts, INVISIBLE))
     return image

@@ -17,7 +17,7 @@ from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.protocol.spec import CameraSpec, fit_action
 from minitouch_bench.shapegen.manifest import Objects
 from minitouch_bench.simulation.bodies import PORTRAIT_PANDA, add_table
-from minitouch_bench.simulation.client import PhysicsClient, View
+from minitouch_bench.simulation.client import PhysicsClient, pixels_of
 from minitouch_bench.simulation.observation import (
     ContactWatch,
     GrayCamera,
@@ -147,22 +147,20 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         given = fit_action(action, self.task.spec.action_size)
         applied = np.clip(given, -1.0, 1.0)
-        workspace, watch = self.task.spec.workspace, self._watch
-        contact_ticks, onsets = watch.contact_ticks, watch.onsets
-        ticks = self.arm.move(applied, workspace.low, workspace.high, watch.after_tick)
+        workspace = self.task.spec.workspace
+        self._watch.begin_step()
+        self.arm.move(applied, workspace.low, workspace.high, self._watch.after_tick)
         self._steps += 1
         outcome = self.task.outcome(self.client)
         truncated = outcome is None and self._steps >= self._max_steps
-        counted = ticks, watch.contact_ticks - contact_ticks, watch.onsets - onsets
         ended = Outcome.STEP_LIMIT if truncated else outcome
-        info = self._info(applied, ended, counted, clipped=bool((given != applied).any()))
+        info = self._info(applied, ended, clipped=bool((given != applied).any()))
         reward = self.task.reward(self.client, outcome)
         return self._observe(), reward, outcome is not None, truncated, info
 
     def start(self) -> Start:
         """Return where the objects and the end effector are, which a reset has just placed."""
-        x, y, z = self.arm.position
-        return self.task.start(self.client, (x, y, z))
+        return self.task.start(self.client, self.arm.position)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return ``picture()`` if ``render_mode`` asks for it, else None."""
@@ -243,21 +241,19 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self,
         action: NDArray[np.float32],
         outcome: Outcome | None = None,
-        counted: tuple[int, int, int] = (0, 0, 0),
         *,
         clipped: bool = False,
     ) -> Info:
-        """Return a step's info; ``counted``: its ticks, those with contact, and its onsets."""
-        ticks, contact_ticks, onsets = counted
+        """Return the info of the step that has just been done."""
         # Arrays, for vector environments stack no numpy.bool_.
         success = np.array(outcome is Outcome.SUCCESS)
         return {
             "is_success": success,
             "success": success.copy(),
             "outcome": np.int64(OUTCOMES.index(outcome)),
-            "ticks": np.int64(ticks),
-            "contact_ticks": np.int64(contact_ticks),
-            "onsets": np.int64(onsets),
+            "ticks": np.int64(self._watch.ticks),
+            "contact_ticks": np.int64(self._watch.contact_ticks),
+            "onsets": np.int64(self._watch.onsets),
             "first_touch_tick": np.int64(self._watch.first_tick),
             "object_state": self.task.object_state(self.client),
             "action": action,
@@ -321,23 +317,22 @@ class HumanRenderer:
         if self._built_for is not task:
             self._build(task)
         self._client.mirror(simulated)
-        image = self._client.render(self._view, *self._size)
-        in_light = self._client.render(View.of(LAMP), *LAMP_PIXELS).depth == 1.0
+        image = self._client.render(task.spec.portrait, *self._size)
+        in_light = self._client.render(LAMP, *LAMP_PIXELS).depth == 1.0
         light = np.where(self._is_table & ~in_light[self._lamp_pixel], SHADE, 1.0)
         hidden = image.depth >= self._background.depth
         lit = self._background.rgb * light[..., np.newaxis]
         return np.where(hidden[..., np.newaxis], lit, image.rgb).astype(np.uint8)
 
     def _build(self, task: Task) -> None:
-        client, (width, height), camera = self._client, self._size, task.spec.portrait
+        client, camera = self._client, task.spec.portrait
         client.reset_world()
         table = add_table(client)
         static = {(table, -1), *task.add_scenery(client)}
-        self._view = View.of(camera, aspect=width / height)
-        self._background = take_out(client, self._view, self._size, static)
+        self._background = take_out(client, camera, self._size, static)
         task.add_object(client)
         client.load_urdf(PORTRAIT_PANDA, fixed=True)
         self._is_table = self._background.bodies == table
         x, y = seen_on_plane(camera, PROTOCOL.physics.table_top, self._size)
-        self._lamp_pixel = View.of(LAMP).pixels(x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)
+        self._lamp_pixel = pixels_of(LAMP, x, y, PROTOCOL.physics.table_top, LAMP_PIXELS)
         self._built_for = task

@@ -26,19 +26,8 @@ from minitouch_bench.protocol.minitouch import (
 )
 from minitouch_bench.protocol.spec import CUBE, TaskSpec, Workspace
 from minitouch_bench.shapegen.geometry import Mesh, Quaternion, product, rotation_matrix
-from minitouch_bench.shapegen.manifest import (
-    Objects,
-    Shape,
-    canonical_shape_set,
-    choose_shapes,
-)
-from minitouch_bench.simulation.bodies import (
-    DOOR_JOINT,
-    DOOR_LINK,
-    HANDLE_LINK,
-    cabinet_urdf,
-    cube_urdf,
-)
+from minitouch_bench.shapegen.manifest import Objects, Shape, canonical_shape_set, choose_shapes
+from minitouch_bench.simulation import bodies
 from minitouch_bench.simulation.client import Part, PhysicsClient
 from minitouch_bench.simulation.panda_arm import PandaArm
 
@@ -76,18 +65,11 @@ class ObjectModel:
             inertia_from_file=True,
         )
 
-    def lowest_point(self, client: PhysicsClient, body: int) -> float:
-        """Return the height of the lowest corner (m), without the collision margin."""
-        return float(self._heights(client, body).min())
-
-    def highest_point(self, client: PhysicsClient, body: int) -> float:
-        """Return the height of the highest corner (m), without the collision margin."""
-        return float(self._heights(client, body).max())
-
-    def _heights(self, client: PhysicsClient, body: int) -> NDArray[np.float64]:
+    def heights(self, client: PhysicsClient, body: int) -> tuple[float, float]:
+        """Return the heights of the lowest and highest corner (m), without the collision margin."""
         position, orientation = client.pose(body)
-        up = rotation_matrix(orientation)[2]
-        return position[2] + (self.corners * up).sum(axis=1)
+        corners = position[2] + (self.corners * rotation_matrix(orientation)[2]).sum(axis=1)
+        return float(corners.min()), float(corners.max())
 
 
 def cube_model(cube: CubeSpec) -> ObjectModel:
@@ -97,7 +79,9 @@ def cube_model(cube: CubeSpec) -> ObjectModel:
     corners = np.array(signs) * half
     surface = Mesh(corners, np.array(_CUBE_FACES, np.int32))
     lying = (0.0, 0.0, 0.0, 1.0)
-    return ObjectModel(CUBE, cube_urdf(cube), lying, half, surface, corners, is_task_cube=True)
+    return ObjectModel(
+        CUBE, bodies.cube_urdf(cube), lying, half, surface, corners, is_task_cube=True
+    )
 
 
 class ObjectPool:
@@ -239,8 +223,8 @@ class TabletopTask(Task):
 
     def start(self, client: PhysicsClient, end_effector: tuple[float, float, float]) -> Start:
         """Return where the object lies."""
-        x, y, z = client.pose(self.target_body).position
-        return Start((x, y, z), self.yaw, self.target, end_effector)
+        place = client.pose(self.target_body).position
+        return Start(place, self.yaw, self.target, end_effector)
 
     def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
         """Return the object's center of mass, float64 (3,) in m."""
@@ -333,7 +317,7 @@ class Opening(Task):
     """A cabinet with one hinged door at a random position in reach."""
 
     spec: ClassVar[OpeningSpec] = OPENING
-    target_links = (DOOR_LINK, HANDLE_LINK)
+    target_links = (bodies.DOOR_LINK, bodies.HANDLE_LINK)
 
     position: tuple[float, float]
     """Where the cabinet stands: x of its front and y of its middle (m)."""
@@ -346,8 +330,8 @@ class Opening(Task):
         """Add the cabinet; its body never moves."""
         cabinet = self.spec.cabinet
         floor = (*self.position, PROTOCOL.physics.table_top)
-        self.target_body = client.load_urdf(cabinet_urdf(cabinet), floor, fixed=True)
-        client.set_joint_friction(self.target_body, DOOR_JOINT, cabinet.hinge_friction)
+        self.target_body = client.load_urdf(bodies.cabinet_urdf(cabinet), floor, fixed=True)
+        client.set_joint_friction(self.target_body, bodies.DOOR_JOINT, cabinet.hinge_friction)
         return ((self.target_body, -1),)
 
     def start(self, client: PhysicsClient, end_effector: tuple[float, float, float]) -> Start:
@@ -357,7 +341,7 @@ class Opening(Task):
 
     def object_state(self, client: PhysicsClient) -> NDArray[np.float64]:
         """Return the door's angle, float64 (1,) in rad."""
-        return np.array(client.joint_positions(self.target_body, [DOOR_JOINT]))
+        return np.array(client.joint_positions(self.target_body, [bodies.DOOR_JOINT]))
 
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return success at 30 degrees."""
@@ -372,7 +356,7 @@ class PickUp(TabletopTask):
 
     def outcome(self, client: PhysicsClient) -> Outcome | None:
         """Return success at 5 cm above the table, a failure outside the workspace."""
-        lowest = self.model.lowest_point(client, self.target_body)
+        lowest, _ = self.model.heights(client, self.target_body)
         if lowest - PROTOCOL.physics.table_top >= self.spec.lift:
             return Outcome.SUCCESS
         x, y, _ = client.pose(self.target_body).position

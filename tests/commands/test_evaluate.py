@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILES, lock_directory
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run
 from tests.archives import zipped
 from tests.commands.command import finish, run, run_installed, same_results, start, wait_for_records
@@ -109,16 +107,6 @@ def test_a_policy_that_cannot_be_used_is_refused_and_makes_no_directory(tmp_path
     (tmp_path / "cut.zip").write_bytes(zipped({"data": "{}" * 1000})[:-40])
     run("evaluate", policy, directory=tmp_path).refused(3, word)
     assert not (tmp_path / "reports").exists()
-
-
-def test_a_training_is_not_played_in_other_tasks_without_a_word(tmp_path):
-    (tmp_path / "trained").mkdir()
-    save_native(TouchActor(action_size=4), tmp_path / "trained" / "final.safetensors")
-    (tmp_path / "trained" / "config.toml").write_text('task = "pushing"\n')
-    words = ("evaluate", "trained", "--suite", "smoke", "--episodes", 1, "--fresh")
-    done = run(*words, "--tasks", "pushing,opening", directory=tmp_path)
-    assert "trained was trained in pushing: --tasks pushing leaves out" in done.err
-    assert "trained in" not in run(*words, "--tasks", "pushing", directory=tmp_path).err
 
 
 def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):

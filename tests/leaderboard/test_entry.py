@@ -178,8 +178,8 @@ def test_two_cannot_play_one_row_at_a_time(entry):
 
 
 def test_each_training_is_a_policy_for_evaluate(entry):
-    source = parse_source(str(entry.directory / "seed-0"), TASKS)
-    explorer = parse_source(str(entry.directory / "seed-0"), TASKS, role=Role.EXPLORATION)
+    source = parse_source(str(entry.directory / "seed-0"))
+    explorer = parse_source(str(entry.directory / "seed-0"), role=Role.EXPLORATION)
     (training,) = entry.submission.trainings
     assert source.digest == training.digest(Role.FINAL)
     assert explorer.digest == training.digest(Role.EXPLORATION)

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from minitouch_bench.policies.wire import MAX_PAYLOAD, Frame, pack_action, pack_frame
+from minitouch_bench.policies.wire import HEADER, MAX_PAYLOAD, Frame
 
 calls = 0
 """Acts so far in this process; a later episode must not see those of an earlier one."""
@@ -48,6 +48,10 @@ def close_pipes():
     time.sleep(1000)
 
 
+def pack_frame(kind, payload=b""):
+    return HEADER.pack(kind, len(payload)) + payload
+
+
 def say(*packets):
     """Write to the evaluation past the code that answers for this policy."""
     for descriptor in range(3, 64):
@@ -64,7 +68,7 @@ def say_only(packet):
 
 
 def answer_ahead():
-    say(*3 * [pack_frame(Frame.ACTION, pack_action(np.ones(4, np.float32)))])
+    say(*3 * [pack_frame(Frame.ACTION, np.ones(4, np.float32).tobytes())])
     return np.ones(4, np.float32)
 
 
@@ -83,7 +87,7 @@ ACTS = {
     "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
-    "speak_at_length": lambda: say_only(bytes((Frame.ACTION,)) * (MAX_PAYLOAD + 2)),
+    "speak_at_length": lambda: say_only(pack_frame(Frame.ACTION, bytes(MAX_PAYLOAD + 1))),
     "cut_short": lambda: say_only(pack_frame(Frame.ACTION, bytes(15))),
     "claim_absence": lambda: say_only(pack_frame(Frame.UNREACHABLE, b"gone")),
     "claim_refusal": lambda: say_only(pack_frame(Frame.REFUSED, b"refused")),
@@ -131,7 +135,7 @@ def sleeping_factory():
 
 
 def claiming_factory():
-    say_only(pack_frame(Frame.UNCONFINED, b"no sandbox"))
+    say_only(pack_frame(Frame.CONFINED))
 
 
 def ready_at_once():

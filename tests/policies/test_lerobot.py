@@ -42,7 +42,7 @@ def test_the_digest_is_that_of_what_is_read_of_the_directory(tmp_path):
     write_parts(checkpoints / "000300" / "pretrained_model")
     (checkpoints / "last").symlink_to("000300")
     folder = checkpoints / "last" / "pretrained_model"
-    given = parse_source(str(tmp_path / "outputs" / "act"), ["pushing", "opening"])
+    given = parse_source(str(tmp_path / "outputs" / "act"))
     assert (given.kind, given.name, given.target) == ("lerobot", "act", str(folder))
     assert given.digest == "b75608ae1c71a2999ab065b732e627d51b00aa2b7e8e64ca7f666e4f6fb94789"
     (folder / "train_config.json").unlink()
@@ -56,7 +56,7 @@ def test_the_digest_is_that_of_what_is_read_of_the_directory(tmp_path):
 def test_a_directory_can_have_one_checkpoint_per_task(tmp_path):
     for task in ("pushing", "opening"):
         write_parts(tmp_path / "all" / task)
-    source = parse_source(str(tmp_path / "all"), ["pushing", "opening"])
+    source = parse_source(str(tmp_path / "all"))
     assert source.kinds == ("lerobot",)
     with pytest.raises(PolicyLoadError, match="no policy for the task 'playing'"):
         source.for_task("playing")
@@ -217,30 +217,28 @@ def feature(kind, shape):
     return {"type": kind, "shape": shape}
 
 
-OTHER_STEP = {"steps": [{"registry_name": "tokenizer_processor", "config": {}}]}
 OWN_STEP = {"steps": [{"class": "os.system", "config": {}}]}
 LARGE = {lerobot.IMAGE: feature("VISUAL", [3, 96, 96])}
-OTHER_KEY = {"observation.images.wrist": feature("VISUAL", [3, 84, 84])}
 
 
 @pytest.mark.parametrize(
     ("make", "text"),
     [
         (change(lerobot.CONFIG, type="smolvla"), "type 'smolvla'; read are act and diffusion"),
-        (change(lerobot.CONFIG, type=None), "type None"),
         (change(lerobot.CONFIG, use_peft=True), "PEFT"),
         (change(lerobot.CONFIG, of_next_year=1), "LeRobot 0.6.1 does not take its config.json"),
         (change(lerobot.CONFIG, input_features=LARGE), r"'observation.image' \(3, 96, 96\)"),
-        (change(lerobot.CONFIG, input_features=OTHER_KEY), "'observation.images.wrist'"),
         (
             change(lerobot.CONFIG, output_features={"action": feature("ACTION", [7])}),
             r"shape \(7,\); here it is 4 or 5",
         ),
-        (change(lerobot.CONFIG, dim_model=64), "weights of the network in config.json"),
-        (change("policy_preprocessor.json", **OTHER_STEP), "'tokenizer_processor'"),
+        (change(lerobot.CONFIG, dim_model=64), "size mismatch"),
         (change("policy_preprocessor.json", **OWN_STEP), "'os.system'"),
         (lambda folder: next(folder.glob(lerobot.STATES)).unlink(), "is missing: copy the whole"),
-        (lambda folder: next(folder.glob(lerobot.STATES)).write_text("x"), "is damaged"),
+        (
+            lambda folder: next(folder.glob(lerobot.STATES)).write_text("x"),
+            "not a readable lerobot policy: SafetensorError",
+        ),
         (lambda folder: (folder / lerobot.CONFIG).write_text("["), "not a readable lerobot"),
     ],
 )

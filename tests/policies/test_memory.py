@@ -13,15 +13,21 @@ from torch import Tensor, nn
 
 import minitouch_bench as mt
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.policies.formats import KIND_BY_SUFFIX
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
+from minitouch_bench.policies.policy import (
+    KIND_BY_SUFFIX,
+    Isolation,
+    IsolationOptions,
+    zero_observation,
+)
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation.runs import play_here
 from tests.policies.conftest import load
 
 pytestmark = pytest.mark.filterwarnings("ignore:`?torch.jit:DeprecationWarning")
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "policies"
-FILES = {"script": "policy.pt", "trace": "policy.pt", "export": "policy.pt2"}
+FILES = {
+    "script": "policy.pt", "trace": "policy.pt", "export": "policy.pt2", "onnx": "policy.onnx",
+}  # fmt: skip
 EXAMPLE = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.ones(1, 11))
 
 
@@ -103,28 +109,29 @@ def remembers(path: Path) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("how", "module"),
-    [("script", Assigned), ("export", WrittenInPlace), ("trace", WrittenInPlace)],
-)
-def test_an_export_that_keeps_its_state_is_not_warned_about(module, how, tmp_path):
-    path = export(module(), how, tmp_path / FILES[how])
-    assert remembers(path)
-    assert notes_of(path) == []
-
-
-@pytest.mark.parametrize(
-    ("how", "module", "named", "isolation"),
+    ("how", "module", "keeps", "named"),
     [
-        ("trace", Assigned, "GRUCell", Isolation.SANDBOX),
-        ("export", PlainState, "GRUCell", Isolation.NONE),
+        ("script", Assigned, True, None),
+        ("trace", WrittenInPlace, True, None),
+        ("export", WrittenInPlace, True, None),
+        ("trace", Assigned, False, "GRUCell"),
+        ("export", PlainState, False, "GRUCell"),
+        ("onnx", Assigned, False, "GRUCell"),
+        ("trace", Normalized, False, None),
+        ("export", Normalized, False, None),
+        ("onnx", Normalized, False, None),
     ],
 )
-def test_an_export_that_lost_its_state_is_warned_about(how, module, named, isolation, tmp_path):
+def test_an_export_that_lost_its_state_is_warned_about_and_no_other(
+    how, module, keeps, named, tmp_path
+):
+    if how == "onnx":
+        pytest.importorskip("onnxscript")
     path = export(module(), how, tmp_path / FILES[how])
-    assert not remembers(path)
-    (note,) = notes_of(path, isolation)
-    assert named in note
-    assert "torch.export" in note
+    assert remembers(path) is keeps
+    notes = notes_of(path, Isolation.NONE if module is PlainState else Isolation.SANDBOX)
+    assert len(notes) == (named is not None)
+    assert all(named in note and "torch.export" in note for note in notes)
 
 
 @pytest.fixture(scope="module")
@@ -173,32 +180,3 @@ def test_an_example_plays_the_episodes_of_its_python_class(examples, name, monke
     assert {digest_of(str(file)) for file in files} == {wanted}
     if name == "recurrent":
         assert [file.suffix for file in files] == [".pt", ".pt2"]
-
-
-@pytest.mark.parametrize("how", ["trace", "export"])
-def test_an_export_without_memory_is_not_warned_about(how, tmp_path):
-    assert notes_of(export(Normalized(), how, tmp_path / FILES[how])) == []
-
-
-@pytest.mark.parametrize("layer", [nn.Dropout(0.5), nn.BatchNorm2d(1)])
-def test_an_export_in_training_mode_is_warned_about(layer, tmp_path):
-    class Trained(nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.batch_norm, self.head = layer, nn.Linear(11, 5)
-
-        def forward(self, image: Tensor, touch: Tensor) -> Tensor:
-            return torch.tanh(self.head(touch) + self.batch_norm(image.float()).mean())
-
-    module = Trained().train()
-    torch.export.save(torch.export.export(module, EXAMPLE), tmp_path / "train.pt2")
-    (note,) = notes_of(tmp_path / "train.pt2")
-    assert "eval()" in note
-    assert notes_of(export(module, "export", tmp_path / "policy.pt2")) == []
-
-
-def test_a_recurrent_onnx_graph_is_warned_about(tmp_path):
-    pytest.importorskip("onnxscript")
-    (note,) = notes_of(export(Assigned(), "onnx", tmp_path / "policy.onnx"))
-    assert "GRUCell" in note
-    assert notes_of(export(Normalized(), "onnx", tmp_path / "plain.onnx")) == []

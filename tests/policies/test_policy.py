@@ -1,4 +1,4 @@
-"""The checkpoints that the recipes make: native, TorchScript and ONNX."""
+"""Checkpoints of all formats that torch and ONNX write: their bits, and files of another form."""
 
 import io
 import json
@@ -15,6 +15,7 @@ from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import PolicySource, load_policy
 from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
+from tests.archives import members, zipped
 from tests.policies.conftest import load
 
 
@@ -32,6 +33,7 @@ def refused(kind, content, match):
     with pytest.raises(PolicyLoadError, match=match) as caught:
         load_policy(PolicySource(kind, "x", "x", content=content))
     assert len(str(caught.value).splitlines()) <= 2
+    assert len(str(caught.value)) < 600
 
 
 @pytest.mark.parametrize(
@@ -70,36 +72,77 @@ def test_native_files_of_another_form_are_refused(light):
         metadata = {"minitouch": json.dumps(form)}
         return safetensors.torch.save({**tensors, **changes}, metadata)
 
-    form = {"architecture": "hac-actor-v1", "action_size": 5}
-    refused("native", b"plain text, long enough", "damaged, or not safetensors")
-    refused("native", content[:-100], "damaged")
+    form = {
+        "architecture": "hac-actor-v1",
+        "action_size": 5,
+        "image_shape": [1, 84, 84],
+        "encoder_width": 1.0,
+    }
+    refused("native", b"plain text, long enough", "not a readable native policy")
+    refused("native", content[:-100], "not a readable native policy")
     refused("native", safetensors.torch.save(tensors), "save_native")
     refused("native", written({**form, "architecture": "other"}), "architecture 'other'")
-    refused("native", written({**form, "action_size": 10**9}), "with 4 or 5")
-    refused("native", written({**form, "action_size": 4}), "does not contain the weights")
-    refused("native", written(form, extra=torch.zeros(1)), "see 'extra'")
-    refused("native", written({**form, "encoder_width": 1.5}), "above 0 and at most 1")
+    refused("native", written({**form, "action_size": 10**9}), "action_size")
+    refused("native", written({**form, "action_size": 4}), "size mismatch")
+    refused("native", written(form, extra=torch.zeros(1)), 'Unexpected key.* "extra"')
+    refused("native", written({**form, "encoder_width": 1.5}), "encoder_width")
     larger = {**form, "image_shape": [1, 96, 96]}
     refused("native", written(larger), r"trained on images of shape \(1, 96, 96\)")
 
 
-def test_native_files_that_do_not_say_their_images_were_trained_on_84_pixels(
-    light, observation, expected
-):
-    content = (light / "policy.safetensors").read_bytes()
-    metadata = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
-    unsaid = safetensors.torch.save(safetensors.torch.load(content), metadata)
-    assert b"[1, 84, 84]" in content
-    policy = load_policy(PolicySource("native", "x", "x", content=unsaid))
-    policy.reset(0, "opening")
-    assert np.array_equal(policy.act(observation), expected)
+def saved_weights():
+    weights = io.BytesIO()
+    torch.save({"weight": torch.zeros(3)}, weights)
+    return weights.getvalue()
 
 
 def test_torchscript_files_of_another_form_are_refused():
     refused("torchscript", b"plain text", "not a TorchScript file")
-    weights = io.BytesIO()
-    torch.save({"weight": torch.zeros(3)}, weights)
-    refused("torchscript", weights.getvalue(), "Weights alone are not enough")
+    refused("torchscript", saved_weights(), "Weights alone are not enough")
+
+
+IMAGE, TOUCH = torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.ones(1, 11)
+
+
+class Reach(torch.nn.Module):
+    """Return what is asked for of the touch vector."""
+
+    def forward(self, image, touch):
+        return touch[:, :4]
+
+
+def exported(arguments=(IMAGE, TOUCH), **options):
+    buffer = io.BytesIO()
+    torch.export.save(torch.export.export(Reach(), arguments, **options), buffer)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options"),
+    [
+        ((IMAGE.float(), TOUCH), {}),
+        ((IMAGE, TOUCH[:, :5]), {}),
+        ((), {"kwargs": {"image": IMAGE, "touch": TOUCH}}),
+    ],
+)
+def test_a_program_of_other_inputs_is_refused(arguments, options):
+    content = exported(arguments, **options)
+    refused("torch.export", content, r"Export \(image: uint8 \(1, 1, 84, 84\)")
+
+
+def test_programs_of_another_form_are_refused():
+    whole = exported()
+    for content in (b"plain text", whole[:-500], saved_weights()):
+        refused("torch.export", content, "cannot be read")
+    contents = members(whole)
+    library = {"archive/data/aotinductor/model/model.so": b"\x7fELF"}
+    refused("torch.export", zipped({**contents, **library}), "compiled code")
+    (name,) = [name for name in contents if name.endswith("models/model.json")]
+    program = json.loads(contents[name])
+    program["schema_version"]["major"] += 1  # of a later torch
+    version = torch.__version__.partition("+")[0]
+    later = zipped({**contents, name: json.dumps(program)})
+    refused("torch.export", later, f"torch {version}.* version")
 
 
 class Asserting(torch.nn.Module):
@@ -137,9 +180,14 @@ def onnx_bytes(inputs=("image", "touch"), output="action", **options):
     ).SerializeToString()
 
 
-def test_a_free_batch_axis_is_fine(observation):
-    policy = load_policy(PolicySource("onnx", "x", "x", content=onnx_bytes()))
-    policy.reset(0, "pushing")
+@pytest.mark.parametrize("kind", ["onnx", "torch.export"])
+def test_a_free_batch_axis_is_fine(observation, kind):
+    content = onnx_bytes()
+    if kind == "torch.export":
+        batch = {0: torch.export.Dim("batch", min=1)}
+        two = IMAGE.repeat(2, 1, 1, 1), TOUCH.repeat(2, 1)
+        content = exported(two, dynamic_shapes=(batch, batch))
+    policy = load_policy(PolicySource(kind, "x", "x", content=content))
     assert np.array_equal(policy.act(observation)[0], observation["touch"][:4])
 
 
@@ -157,7 +205,7 @@ def test_chance_in_a_graph_comes_from_the_episodes_seed(tmp_path, observation):
 
 
 def test_onnx_files_of_another_form_are_refused():
-    refused("onnx", b"plain text", "not an ONNX file")
+    refused("onnx", b"plain text", "not a readable onnx policy")
     refused("onnx", onnx_bytes(inputs=("state", "touch")), r"inputs \['state', 'touch'\]")
     refused("onnx", onnx_bytes(output="mean"), r"outputs \['mean'\]")
     refused("onnx", onnx_bytes(image_shape=[1, 3, 84, 84]), r"is uint8 \(1, 3, 84, 84\), not uint8")

@@ -25,28 +25,25 @@ def test_text_of_a_policy_becomes_one_plain_line():
     assert len(plain_line("x" * 100_000)) == 200
 
 
-def test_an_exception_that_cannot_speak_is_still_named():
-    class MuteError(Exception):
-        def __str__(self):
-            raise RuntimeError
-
-    assert describe(MuteError()) == "MuteError"
-    assert describe(ValueError("no\nway")) == "ValueError: no way"
-    assert describe(ValueError()) == "ValueError"
+class LyingError(Exception):
+    @property
+    def __traceback__(self):
+        raise RuntimeError
 
 
-def test_the_line_of_an_exception_is_read_past_its_class_and_kept_behind_a_long_text():
-    class LyingError(Exception):
-        @property
-        def __traceback__(self):
-            raise RuntimeError
+class MuteError(Exception):
+    def __str__(self):
+        raise RuntimeError
 
-    class Name(str):
-        __slots__ = ()
 
-        def __format__(self, _):
-            raise RuntimeError
+class Name(str):
+    __slots__ = ()
 
+    def __format__(self, _):
+        raise RuntimeError
+
+
+def test_an_exception_that_lies_or_cannot_speak_is_still_named_with_its_line():
     def fail():
         raise LyingError("x" * 1000)
 
@@ -57,6 +54,8 @@ def test_the_line_of_an_exception_is_read_past_its_class_and_kept_behind_a_long_
     assert text.startswith("LyingError: xxx")
     assert text.endswith(f"… ({'y' * 99}…)")
     assert len(text) == 200
+    assert describe(MuteError()) == "MuteError"
+    assert describe(ValueError("no\nway")) == "ValueError: no way"
 
 
 WAITS = """

@@ -25,26 +25,21 @@ def changed(protocol):
 @pytest.mark.parametrize(
     ("part", "name", "value"),
     [
-        ("physics", "gravity", -9.81),
-        ("physics", "table_top", 0.0),
         ("physics", "simulator", "pybullet 3.2.8"),
-        ("control", "tolerance", 1e-3),
         ("observation", "object_color", (0.0, 0.0, 0.0, 1.0)),
     ],
 )
 def test_what_all_tasks_share_changes_every_digest(part, name, value):
     shared = replace(getattr(PROTOCOL, part), **{name: value})
     assert changed(replace(PROTOCOL, **{part: shared})) == set(TASK_NAMES)
+    assert changed(replace(PROTOCOL, seeds=PROTOCOL.seeds + 1)) == set(TASK_NAMES)
 
 
 @pytest.mark.parametrize(
     ("task", "changes"),
     [
         ("pushing", {"success_distance": 0.077}),
-        ("opening", {"success_angle": 0.57}),
         ("opening", {"cabinet": replace(PROTOCOL.task("opening").cabinet, hinge_friction=0.4)}),
-        ("pick-up", {"lift": 0.06}),
-        ("playing", {"margin": 0.06}),
         ("playing", {"max_steps": 100}),
         ("pick-up", {"revision": 99}),
     ],
@@ -55,11 +50,13 @@ def test_a_task_s_own_value_changes_its_digest_alone(task, changes):
     assert other.digest() != PROTOCOL.digest()
 
 
-def test_what_people_see_changes_no_digest():
+def test_neither_what_people_see_nor_a_fifth_task_changes_a_digest():
     portrait = replace(PROTOCOL.task("pushing").portrait, yaw=1.0)
-    other = with_task("pushing", portrait=portrait, goal="win", title="Shove")
-    assert changed(other) == set()
-    assert other.digest() == PROTOCOL.digest()
+    shown = with_task("pushing", portrait=portrait, goal="win", title="Shove")
+    fifth = replace(PROTOCOL.task("pushing"), name="pegging")
+    for other in (shown, replace(PROTOCOL, tasks=(*PROTOCOL.tasks, fifth))):
+        assert changed(other) == set()
+        assert other.digest() == PROTOCOL.digest()
 
 
 def test_another_shape_set_changes_the_tasks_that_take_objects_from_it():
@@ -68,17 +65,6 @@ def test_another_shape_set_changes_the_tasks_that_take_objects_from_it():
     for task in PROTOCOL.suite(NOVEL_SHAPES).tasks:
         assert other.task_digest(task, NOVEL_SHAPES) != PROTOCOL.task_digest(task, NOVEL_SHAPES)
     assert other.digest() != PROTOCOL.digest()
-
-
-def test_other_seeds_change_every_digest():
-    assert changed(replace(PROTOCOL, seeds=PROTOCOL.seeds + 1)) == set(TASK_NAMES)
-
-
-def test_a_fifth_task_changes_no_digest():
-    fifth = replace(PROTOCOL.task("pushing"), name="pegging")
-    other = replace(PROTOCOL, tasks=(*PROTOCOL.tasks, fifth))
-    assert changed(other) == set()
-    assert other.digest() == PROTOCOL.digest()
 
 
 def test_the_meshes_and_shapes_are_those_of_the_protocol():

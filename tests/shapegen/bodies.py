@@ -21,5 +21,5 @@ def box_body(*sides: float, density: float = 9000.0) -> Body:
     """Return a solid box as a body of one hull."""
     mesh = box(*sides)
     moments = solid_moments(mesh)
-    ixx, iyy, izz = (np.diag(moments.inertia()) * density).tolist()
+    ixx, iyy, izz = (np.diag(moments.inertia) * density).tolist()
     return Body(mesh, (mesh,), moments.volume * density, (ixx, iyy, izz))

@@ -18,9 +18,6 @@ def test_a_record_gives_its_body_back() -> None:
 def test_stored_coordinates_are_exact_in_the_text() -> None:
     values = quantized(np.random.default_rng(0).uniform(-0.06, 0.06, size=(1000, 3)))
     assert all(float(f"{value:.6f}") == value for value in values.ravel().tolist())
-
-
-def test_minus_zero_is_zero() -> None:
     assert not np.signbit(quantized(np.full((1, 3), -1e-9))).any()
 
 

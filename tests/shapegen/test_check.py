@@ -2,10 +2,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from minitouch_bench.commands.shapes import app
-from minitouch_bench.shapegen.check import check_set
+from minitouch_bench.shapegen.check import check_set, preview
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from tests.altered import edit_document
 from tests.shapegen.conftest import subset
@@ -38,12 +36,13 @@ def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:
     pack = bytearray(shape.pack.read_bytes())
     pack[shape.offset + shape.length // 2] ^= 1
     shape.pack.write_bytes(pack)
-    problems = check_set(load_shape_set(small_set), quick=True)
-    assert any(text.startswith("shape-0005: its bytes") for text in problems)
-    assert "the pack's SHA-256 is not the manifest's" in problems
+    whole, record = check_set(load_shape_set(small_set), quick=True)
+    assert record.startswith("shape-0005: ")
+    assert "are not the manifest's" in record
+    assert whole == "the pack's SHA-256 is not the manifest's"
 
 
-def test_a_swapped_split_is_found_and_named(small_set: Path) -> None:
+def test_a_swapped_split_and_a_false_mass_are_found_and_named(small_set: Path) -> None:
     shapes = load_shape_set(small_set)
     train = shapes.shapes.index(shapes.split("train")[0])
     held = shapes.shapes.index(shapes.split("held-out")[0])
@@ -51,26 +50,29 @@ def test_a_swapped_split_is_found_and_named(small_set: Path) -> None:
     def swap(document: dict[str, Any]) -> None:
         document["shapes"][train]["split"] = "held-out"
         document["shapes"][held]["split"] = "train"
+        document["shapes"][0]["mass_kg"] = 9.0
 
     edit_document(small_set / "manifest.json", swap)
-    problems = check_set(load_shape_set(small_set), quick=True)
-    assert f"{shapes.shapes[train].name} is marked held-out, the rule says train" in problems
-    assert f"{shapes.shapes[held].name} is marked train, the rule says held-out" in problems
-    assert len(problems) == 2
-
-
-def test_the_command_exits_1_with_the_reasons(small_set: Path) -> None:
-    runner = CliRunner()
-    fine = runner.invoke(app, ["check", str(small_set), "--quick"])
-    assert fine.exit_code == 0
-    assert "16 shapes are as listed" in fine.stdout
-    edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update(mass_kg=9.0))
-    broken = runner.invoke(app, ["check", str(small_set), "--quick"])
-    assert broken.exit_code == 1
-    assert "shape-0000: mass_kg is 9.0" in broken.stdout
+    mass = shapes.shapes[0].mass
+    assert {*check_set(load_shape_set(small_set), quick=True)} == {
+        f"shape-0000: mass_kg is 9.0 in the manifest, {mass} in the record",
+        f"{shapes.shapes[train].name} is marked held-out, the rule says train",
+        f"{shapes.shapes[held].name} is marked train, the rule says held-out",
+    }
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_canonical_set_holds() -> None:
     assert check_set(canonical_shape_set(), workers=2) == ()
+
+
+def test_the_preview_shows_every_shape_with_the_sides_of_its_file(
+    small_set: Path, tmp_path: Path
+) -> None:
+    sides = {"sides_m": [0.06, 0.02, 0.061]}  # only an imported one has them
+    edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update(sides))
+    page = preview(load_shape_set(small_set), tmp_path / "pictures").read_text()
+    assert page.count("<figure") == page.count("data:image/png;base64,iVBOR") == 16
+    assert page.count("60 x 20 x 61 mm") == 1
+    assert "http" not in page

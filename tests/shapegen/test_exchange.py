@@ -19,18 +19,28 @@ from minitouch_bench.shapegen.exchange import (
 )
 from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
-from minitouch_bench.shapegen.object_files import find_objects, read_object
+from minitouch_bench.shapegen.object_files import read_object
 from minitouch_bench.shapegen.solids import Solid, to_mesh
-from tests.shapegen.bodies import BLOCK
-from tests.shapegen.test_object_files import obj_of
+from tests.shapegen.test_object_files import block, obj_of
 
 
 def refusal(path: Path, config: ImportConfig | None = None) -> str:
     return import_one((path, config or ImportConfig()))[0]
 
 
-def block(*sides: float) -> trimesh.Trimesh:
-    return trimesh.creation.box(sides or BLOCK)
+def turned_inward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    mesh.invert()
+    return mesh
+
+
+def moved(mesh: trimesh.Trimesh, *offset: float) -> trimesh.Trimesh:
+    mesh.apply_translation(offset)
+    return mesh
+
+
+def written(path: Path, *meshes: trimesh.Trimesh) -> Path:
+    trimesh.util.concatenate(meshes).export(str(path))
+    return path
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "glb"])
@@ -41,16 +51,6 @@ def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None
     assert reason == ""
     assert entry["volume_m3"] == pytest.approx(1.6192e-4, rel=1e-3)
     assert entry["mass_kg"] == pytest.approx(1.4573, rel=1e-3)
-
-
-def test_a_urdf_brings_its_mesh_and_scale(tmp_path: Path) -> None:
-    block(80, 46, 44).export(str(tmp_path / "mesh.obj"))
-    (tmp_path / "thing.urdf").write_text(
-        '<robot name="r"><link name="l"><collision><geometry><mesh filename="mesh.obj" '
-        'scale="0.001 0.001 0.001"/></geometry></collision></link></robot>'
-    )
-    assert find_objects([tmp_path]) == {"thing.urdf": tmp_path / "thing.urdf"}
-    assert refusal(tmp_path / "thing.urdf") == ""
 
 
 def test_a_urdf_places_its_meshes(tmp_path: Path) -> None:
@@ -71,9 +71,7 @@ def test_a_urdf_places_its_meshes(tmp_path: Path) -> None:
 def test_a_mesh_with_a_hole_is_refused_with_a_way_to_repair_it(tmp_path: Path) -> None:
     hole = block()
     hole.update_faces(np.arange(len(hole.faces)) > 0)
-    hole.export(str(tmp_path / "hole.stl"))
-    assert "watertight" in refusal(tmp_path / "hole.stl")
-    assert "repair" in refusal(tmp_path / "hole.stl")
+    assert "watertight mesh; repair it" in refusal(written(tmp_path / "hole.stl", hole))
 
 
 def test_no_file_that_a_mesh_names_is_opened(tmp_path: Path) -> None:
@@ -88,12 +86,6 @@ def test_no_file_that_a_mesh_names_is_opened(tmp_path: Path) -> None:
     assert "cannot be read" in refusal(tmp_path / "pipe.urdf")
 
 
-def test_fit_gives_a_size_the_hand_can_grip(tmp_path: Path) -> None:
-    block(2.8, 1.7, 1.6).export(str(tmp_path / "big.stl"))
-    assert "too long" in refusal(tmp_path / "big.stl")
-    assert refusal(tmp_path / "big.stl", ImportConfig(fit=True)) == ""
-
-
 def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,15 +98,11 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     answers = [(reason, {**entry, "not_promised": []}, record) for _ in files]
     monkeypatch.setattr(exchange, "run_in_workers", lambda *_, **__: enumerate(answers))
     result = import_objects([given], folder, ImportConfig())
-    assert result.accepted == len(files)
-    copies = [texts for texts in result.not_promised.values() if "same solid" in str(texts)]
-    assert len(copies) == len(files) - 1
+    assert ["same solid" in str(texts) for texts in result.not_promised.values()].count(True) == 4
     assert check_set(load_shape_set(folder), quick=True) == ()
     names = {entry["source"]: entry["name"] for entry in load_shape_set(folder).document["shapes"]}
     assert names.keys() == set(files)
-    assert len(set(names.values())) == len(files)
-    assert names["mug (1).obj"] == "mug_1_"
-    assert {"mug", "mug-2", "a-b", "a-b-2"} <= set(names.values())
+    assert {*names.values()} == {"mug", "mug-2", "mug_1_", "a-b", "a-b-2"}
 
 
 def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
@@ -157,10 +145,9 @@ def test_too_many_faces_are_refused_before_coacd(tmp_path: Path, monkeypatch) ->
     solid = Solid.cube((0.05, 0.05, 0.05), True)
     for x, y in product(range(-8, 9), repeat=2):
         solid -= Solid.cube((0.001, 0.001, 0.1), True).translate((0.002 * x, 0.002 * y, 0.0))
-    mesh = to_mesh(solid)
-    trimesh.Trimesh(mesh.vertices, mesh.faces).export(str(tmp_path / "grid.stl"))
+    (tmp_path / "grid.obj").write_text(obj_of(to_mesh(solid)))
     monkeypatch.setattr(exchange, "weighed", None)
-    assert "too many faces" in refusal(tmp_path / "grid.stl")
+    assert "too many faces" in refusal(tmp_path / "grid.obj")
 
 
 def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Path) -> None:
@@ -171,40 +158,21 @@ def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Pat
         "lopsided": (trimesh.creation.cone(0.03, 0.1), "150.0 mm, not"),
     }
     for name, (mesh, words) in things.items():
-        mesh.export(str(tmp_path / f"{name}.stl"))
-        said = refusal(tmp_path / f"{name}.stl")
+        path = written(tmp_path / f"{name}.stl", mesh)
+        said = refusal(path)
         assert words in said
-        scale = float(said.partition("accepted with --scale ")[2].rstrip(")"))
-        assert refusal(tmp_path / f"{name}.stl", ImportConfig(scale)) == ""
-        assert refusal(tmp_path / f"{name}.stl", ImportConfig(fit=True)) == ""
+        scale = float(said.partition("accepted with --scale ")[2])
+        assert refusal(path, ImportConfig(scale)) == ""
+        assert refusal(path, ImportConfig(fit=True)) == ""
 
 
-def test_no_scale_is_named_where_none_was_accepted(tmp_path: Path) -> None:
+def test_a_usual_unit_is_named_first_and_no_scale_where_none_was_accepted(tmp_path: Path) -> None:
     """A rod that is long enough to be seen is too long for the hand's place."""
-    trimesh.creation.cylinder(2.0, 150.0, sections=12).export(str(tmp_path / "rod.stl"))
-    said = refusal(tmp_path / "rod.stl")
+    assert "accepted with --scale 0.0254" in refusal(written(tmp_path / "a.stl", block(3, 2, 2)))
+    rod = trimesh.creation.cylinder(2.0, 150.0, sections=12)
+    said = refusal(written(tmp_path / "rod.stl", rod))
     assert "accepted with" not in said
     assert "no accepted scale" in said
-
-
-def test_a_usual_unit_is_named_first(tmp_path: Path) -> None:
-    block(3.0, 2.0, 2.0).export(str(tmp_path / "inches.stl"))
-    assert "accepted with --scale 0.0254" in refusal(tmp_path / "inches.stl")
-
-
-def turned_inward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    mesh.invert()
-    return mesh
-
-
-def moved(mesh: trimesh.Trimesh, *offset: float) -> trimesh.Trimesh:
-    mesh.apply_translation(offset)
-    return mesh
-
-
-def written(path: Path, *meshes: trimesh.Trimesh) -> Path:
-    trimesh.util.concatenate(meshes).export(str(path))
-    return path
 
 
 def test_a_cavity_is_named_whatever_way_the_faces_are_turned(tmp_path: Path) -> None:
@@ -273,35 +241,23 @@ def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
     assert "memory" in result.refused["large.stl"]
 
 
-def test_one_file_may_have_another_unit(tmp_path: Path) -> None:
-    given = tmp_path / "given"
-    given.mkdir()
-    block().export(str(given / "meters.stl"))
-    bracket = moved(block(60.0, 20.0, 8.0), 0.0, 0.0, 0.0), moved(block(8, 20, 60), -26, 0, 26)
-    written(given / "bracket.stl", *bracket)
-    with pytest.raises(UsageError, match="brackets"):
-        import_objects([given], tmp_path / "set", ImportConfig(scales={"brackets.stl": 0.001}))
+def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path: Path) -> None:
+    path = written(tmp_path / "bracket.stl", block(60, 20, 8), moved(block(8, 20, 60), -26, 0, 26))
     config = ImportConfig(scales={"bracket.stl": 0.001})
-    assert import_objects([given], tmp_path / "set", config).refused == {}
+    assert import_objects([path], tmp_path / "set", config).refused == {}
     shapes = load_shape_set(tmp_path / "set")
     assert shapes.by_name("bracket").sides_m == pytest.approx((0.06, 0.02, 0.06))
     assert shapes.document["imported"]["scales"] == config.scales
 
 
 def test_only_an_imported_set_is_replaced(tmp_path: Path, small_set: Path) -> None:
-    folder = tmp_path / "mine"
-    for name in ("one", "two"):
-        block().export(str(tmp_path / f"{name}.stl"))
-        import_objects([tmp_path / f"{name}.stl"], folder, ImportConfig(), fresh=True)
-        assert [shape.name for shape in load_shape_set(folder).shapes] == [name]
-    with pytest.raises(RunDirectoryError, match="--fresh"):
-        import_objects([tmp_path / "one.stl"], folder, ImportConfig())
+    path = written(tmp_path / "one.stl", block())
     with pytest.raises(RunDirectoryError, match="not imported"):
-        import_objects([tmp_path / "one.stl"], small_set, ImportConfig(), fresh=True)
+        import_objects([path], small_set, ImportConfig(), fresh=True)
     assert len(load_shape_set(small_set).shapes) == 16
 
 
-@pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf")])
 def test_a_scale_is_above_0(scale: float) -> None:
     with pytest.raises(UsageError, match="--scale is a number above 0"):
         ImportConfig(scale=scale)

@@ -24,13 +24,6 @@ def _instant(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_instant")
-def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
-    generate(tmp_path, 2, 0, 1)
-    with pytest.raises(RunDirectoryError, match="finished set"):
-        generate(tmp_path, 2, 0, 1)
-
-
-@pytest.mark.usefixtures("_instant")
 def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "set"
     with monkeypatch.context() as patch:
@@ -55,6 +48,8 @@ def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.Monkey
     assert generate(tmp_path / "fresh", 8, 0, 1) == again
     assert not partial.exists()
     assert len(load_shape_set(folder).shapes) == 8
+    with pytest.raises(RunDirectoryError, match="finished set"):
+        generate(folder, 8, 0, 1)
 
 
 @pytest.mark.slow

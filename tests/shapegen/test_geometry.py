@@ -6,11 +6,16 @@ from minitouch_bench.shapegen.geometry import (
     first_hits,
     in_body_frame,
     principal_axes,
+    product,
+    rest_poses,
+    rotation_matrix,
     solid_moments,
     surface_points,
     thinnest_wall,
     widest_across,
+    yaw,
 )
+from minitouch_bench.shapegen.solids import hull_of
 from tests.shapegen.bodies import box
 
 
@@ -20,7 +25,7 @@ def test_moments_of_a_box_are_the_formula() -> None:
     assert moments.volume == pytest.approx(1.2e-4)
     assert moments.centroid == pytest.approx([0.1, -0.2, 0.3])
     expected = 1.2e-4 / 12 * np.diag([0.05**2 + 0.06**2, 0.04**2 + 0.06**2, 0.04**2 + 0.05**2])
-    assert moments.inertia() == pytest.approx(expected, abs=1e-15)
+    assert moments.inertia == pytest.approx(expected, abs=1e-15)
 
 
 def test_distances_inside_outside_and_past_an_edge() -> None:
@@ -29,18 +34,15 @@ def test_distances_inside_outside_and_past_an_edge() -> None:
     assert found == pytest.approx([0.01, 0.005, 0.005])
 
 
-def test_rays_hit_the_far_wall() -> None:
-    origin = np.array([[0.003, 0.002, 0.0]])
-    distance, _ = first_hits(origin, np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06))
-    assert distance == pytest.approx([0.03])
-    missed, _ = first_hits(
-        origin + np.array([0.1, 0.0, 0.0]), np.array([[0.0, 0.0, 1.0]]), box(0.04, 0.04, 0.06)
-    )
-    assert np.isinf(missed).all()
-
-
-def test_wall_and_width() -> None:
+def test_rays_hit_the_far_wall_and_walls_are_thin() -> None:
+    origins = np.array([[0.003, 0.002, 0.0], [0.103, 0.002, 0.0]])
+    up = np.array([[0.0, 0.0, 1.0]] * 2)
+    distance, _ = first_hits(origins, up, box(0.04, 0.04, 0.06))
+    assert distance == pytest.approx([0.03, np.inf])
     assert thinnest_wall(box(0.04, 0.05, 0.003)) == pytest.approx(0.003)
+
+
+def test_a_square_is_widest_along_its_diagonal() -> None:
     square = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.04], [0.03, 0.04]])
     assert widest_across(square) == pytest.approx(0.05, rel=1e-3)
 
@@ -58,6 +60,30 @@ def test_body_frame_makes_inertia_diagonal_and_keeps_a_cube_as_it_is() -> None:
     turn *= np.sign(np.linalg.det(turn))
     moved = in_body_frame(box(0.04, 0.05, 0.06).moved(turn, np.ones(3)))
     assert moved.extents == pytest.approx([0.06, 0.05, 0.04])
-    inertia = solid_moments(moved).inertia()
+    inertia = solid_moments(moved).inertia
     assert np.abs(inertia - np.diag(np.diag(inertia))).max() < 1e-15
     assert principal_axes(np.eye(3)) == pytest.approx(np.eye(3))
+
+
+def test_a_box_rests_on_each_side_and_most_often_on_the_largest() -> None:
+    mesh = box(0.02, 0.04, 0.06)
+    poses = rest_poses(mesh, least=0.0001)
+    assert sum(pose.probability for pose in poses) == pytest.approx(1.0)
+    assert poses[0].height == pytest.approx(0.01)
+    assert {round(pose.height, 4) for pose in poses} == {0.01, 0.02, 0.03}
+    for pose in poses:
+        placed = mesh.vertices @ pose.rotation.T
+        assert placed[:, 2].min() == pytest.approx(-pose.height)
+
+
+def test_a_body_rolls_off_a_face_its_centre_is_not_above() -> None:
+    # An oblique prism, its center of mass set where only the long sides carry it.
+    points = np.array([[x + z, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-3, 3)]) * 0.01
+    poses = rest_poses(hull_of(points), least=1e-6)
+    assert max(abs(pose.rotation[2, 2]) for pose in poses) < 0.99
+
+
+def test_quaternions_compose_as_matrices() -> None:
+    first, second = yaw(0.3), (0.5, 0.5, 0.5, 0.5)
+    both = rotation_matrix(product(first, second))
+    assert both == pytest.approx(rotation_matrix(first) @ rotation_matrix(second))

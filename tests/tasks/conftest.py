@@ -1,5 +1,3 @@
-from collections.abc import Iterator
-
 import pytest
 
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -7,12 +5,9 @@ from minitouch_bench.tasks.task import TASK_CLASSES
 
 
 @pytest.fixture(scope="session")
-def environments() -> Iterator[dict[str, MiniTouchEnv]]:
+def environments() -> dict[str, MiniTouchEnv]:
     """One environment a task, shared: that episodes do not disturb each other is a promise."""
-    made = {task: MiniTouchEnv(task) for task in TASK_CLASSES}
-    yield made
-    for environment in made.values():
-        environment.close()
+    return {task: MiniTouchEnv(task) for task in TASK_CLASSES}
 
 
 @pytest.fixture(params=list(TASK_CLASSES))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minitouch_bench.simulation.client import PhysicsClient
 from minitouch_bench.tasks.environment import MiniTouchEnv
 
 
@@ -41,3 +42,8 @@ def play(environment: MiniTouchEnv, seed: int, steps: int) -> Iterator[str]:
 def digest(environment: MiniTouchEnv, seed: int, steps: int) -> str:
     """Return the digest of a whole episode."""
     return list(play(environment, seed, steps))[-1]
+
+
+def overlapping(client: PhysicsClient, one: int, other: int, distance: float) -> bool:
+    """Tell whether two bodies are closer than ``distance`` (m) in their present poses."""
+    return len(client._bullet.getClosestPoints(one, other, distance)) > 0

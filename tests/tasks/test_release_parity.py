@@ -37,20 +37,15 @@ def environment(request, monkeypatch):
             made.task._start = tuple(TRACES["pushing.rows"][0][:2])
 
     monkeypatch.setattr(made.task, "draw", draw)
-    yield made
-    made.close()
-
-
-def release(task):
-    for row in TRACES[f"{task}.rows"]:
-        yield dict(zip(COLUMNS, row, strict=True))
+    return made
 
 
 def test_the_arm_follows_the_release_until_it_touches(environment):
     task = environment.task.spec.name
     environment.reset(seed=0)
     size, followed = environment.action_space.shape[0], 0
-    for action, step in zip(TRACES["actions"], release(task), strict=True):
+    for action, row in zip(TRACES["actions"], TRACES[f"{task}.rows"], strict=True):
+        step = dict(zip(COLUMNS, row, strict=True))
         observation, *_, info = environment.step(action[:size].astype(np.float32))
         touched = environment.client.contacts(environment.arm.body, environment.task.target_body)
         if info["contact_ticks"] or step["finger_object_contacts"] or touched:

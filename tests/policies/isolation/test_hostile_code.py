@@ -22,7 +22,6 @@ from tests.policies.isolation import hostile_factory, hostile_modules
 from tests.process_tree import descendants
 
 LIMITS = PolicyLimits(act_timeout_s=10.0)
-IMPATIENT = PolicyLimits(act_timeout_s=0.5)
 OTHER_ERRORS = {
     "find open descriptors": errno.EMFILE,
     "find the simulator": errno.ENOENT,
@@ -84,13 +83,11 @@ def test_flags_of_the_standard_streams_are_not_remembered(factory):
     assert factory.act(doing("find flags"))[0] == errno.ENOENT
 
 
-def test_episodes_share_no_memory_that_they_can_write(factory):
-    maps = Path(f"/proc/{factory._host.process.pid}/maps").read_text().splitlines()
-    assert not [line for line in maps if "w" in line.split()[1] and "s" in line.split()[1]]
-
-
-def test_a_host_in_the_sandbox_never_had_the_users_secrets(factory):
-    environment = Path(f"/proc/{factory._host.process.pid}/environ").read_bytes()
+def test_a_host_in_the_sandbox_has_no_secrets_and_no_memory_that_episodes_share(factory):
+    host = Path("/proc", str(factory._host.process.pid))
+    maps = [line.split()[1] for line in (host / "maps").read_text().splitlines()]
+    assert not [rights for rights in maps if "w" in rights and "s" in rights]
+    environment = (host / "environ").read_bytes()
     assert b"s3cret" not in environment
     assert b"PYTHONPATH" in environment
 
@@ -109,18 +106,17 @@ def scripts():
         yield policy
 
 
-def begin(policy, module, directory, monkeypatch, limits=LIMITS):
+def begin(policy, module, directory, monkeypatch):
     path = directory / "policy.pt"
     path.write_bytes(hostile_modules.saved(module))
     monkeypatch.setattr(policy, "_source", parse_source(str(path)))
-    monkeypatch.setattr(policy, "_limits", limits)
     policy.reset(0, "pushing")
 
 
 @pytest.mark.parametrize("module", [hostile_modules.Loops, hostile_modules.Floods])
 def test_a_module_that_never_answers_is_ended(scripts, tmp_path, monkeypatch, module):
-    begin(scripts, module(), tmp_path, monkeypatch, PolicyLimits())
-    monkeypatch.setattr(scripts, "_limits", IMPATIENT)
+    begin(scripts, module(), tmp_path, monkeypatch)
+    monkeypatch.setattr(scripts, "_limits", PolicyLimits(act_timeout_s=0.5))
     with pytest.raises(PolicyTimeoutError, match=r"no action within 0\.5 s"):
         scripts.act(zero_observation())
 

@@ -52,13 +52,6 @@ class Canary:
         return Path.write_text, (self.path, "sung")
 
 
-@pytest.fixture
-def canary(tmp_path):
-    path = tmp_path / "canary"
-    yield path
-    assert not path.exists()
-
-
 @pytest.fixture(scope="module")
 def files(light, onnx_file, tmp_path_factory):
     """A good file of each format."""
@@ -97,7 +90,7 @@ def refused(policy, directory, kind, content, match=None):
         policy.reset(0, "pushing")
     assert not isinstance(caught.value, PolicyFaultError)
     assert caught.value.exit_code == 3
-    assert len(str(caught.value).splitlines()) <= 2
+    assert str(caught.value).replace("\n", "", 1).isprintable()
     assert len(str(caught.value)) < 600
 
 
@@ -132,11 +125,12 @@ def test_a_file_too_large_is_refused_unread(tmp_path):
         parse_source(str(path))
 
 
-def test_a_pickle_named_pt_is_not_opened(policy, tmp_path, canary):
-    buffer = io.BytesIO()
+def test_a_pickle_named_pt_is_not_opened(policy, tmp_path):
+    buffer, canary = io.BytesIO(), tmp_path / "canary"
     torch.save({"weights": Canary(canary)}, buffer)
-    refused(policy, tmp_path, "torchscript", buffer.getvalue(), "not a TorchScript file")
-    refused(policy, tmp_path, "torchscript", pickle.dumps(Canary(canary)), "not a TorchScript file")
+    for content in (buffer.getvalue(), pickle.dumps(Canary(canary))):
+        refused(policy, tmp_path, "torchscript", content, "not a TorchScript file")
+    assert not canary.exists()
 
 
 class Deed:
@@ -183,75 +177,54 @@ def singing(files):
     return make
 
 
-@pytest.fixture
-def impatient(policy, monkeypatch):
-    limits = PolicyLimits(load_timeout_s=3.0, memory_mb=2048)
-    return lambda: monkeypatch.setattr(policy, "_limits", limits)
-
-
 @pytest.mark.parametrize("name", DEEDS)
-def test_a_pickle_in_an_sb3_zip_cannot(impatient, policy, singing, tmp_path, name):
+def test_a_pickle_in_an_sb3_zip_cannot(policy, monkeypatch, singing, tmp_path, name):
     deed, text = DEEDS[name]
     if "within 3 s" in text:
-        impatient()
-    give(policy, tmp_path, "sb3", singing(deed))
-    with pytest.raises(PolicyLoadError, match=text) as caught:
-        policy.reset(0, "pushing")
-    assert caught.value.exit_code == 3
-    assert len(str(caught.value).splitlines()) == 1
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 600
+        limits = PolicyLimits(load_timeout_s=3.0, memory_mb=2048)
+        monkeypatch.setattr(policy, "_limits", limits)
+    refused(policy, tmp_path, "sb3", singing(deed), text)
     assert not CANARY.exists()
 
 
-def test_the_same_pickle_writes_where_nothing_holds_it(singing, tmp_path):
-    canary = tmp_path / "canary"
-    path = tmp_path / "policy.zip"
-    path.write_bytes(singing(Canary(canary)))
-    source = parse_source(str(path))
-    with pytest.raises(PolicyLoadError):
-        try_policy(source, ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
-    assert canary.exists()  # so the tests above test something
-
-
-def test_a_pickle_in_an_exported_program_is_opened_in_the_sandbox_only(policy, files, tmp_path):
-    contents = members(files["torch.export"].read_bytes())
+def holding_a_pickle(whole, deed):
+    """Return a program of torch.export, one of whose weights is a pickle."""
+    contents = members(whole)
     (configuration,) = [name for name in contents if name.endswith("model_weights_config.json")]
     weights = json.loads(contents[configuration])
     first = next(iter(weights["config"].values()))
     first["use_pickle"] = True
-    canary = tmp_path / "canary"
     song = io.BytesIO()
-    torch.save(Canary(canary), song)
-    contents[configuration] = json.dumps(weights).encode()
+    torch.save(deed, song)
     parameter = configuration.replace("model_weights_config.json", first["path_name"])
-    content = zipped({**contents, parameter: song.getvalue()})
-    refused(policy, tmp_path, "torch.export", content, "Permission denied")
-    assert not canary.exists()
-    path = tmp_path / "trusted.pt2"
-    path.write_bytes(content)
+    return zipped({**contents, configuration: json.dumps(weights), parameter: song.getvalue()})
+
+
+@pytest.mark.parametrize("kind", ["sb3", "torch.export"])
+def test_the_same_pickle_is_opened_in_the_sandbox_and_writes_only_out_of_it(
+    policy, files, singing, tmp_path, kind
+):
+    canary = Canary(tmp_path / "canary")
+    whole = files["torch.export"].read_bytes()
+    content = singing(canary) if kind == "sb3" else holding_a_pickle(whole, canary)
+    refused(policy, tmp_path, kind, content, "Permission")
+    assert not canary.path.exists()
+    source = policy._source
     with pytest.raises(PolicyLoadError):
-        try_policy(
-            parse_source(str(path)), ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True)
-        )
-    assert canary.exists()
+        try_policy(source, ["pushing"], IsolationOptions(Isolation.PROCESS, trust=True))
+    assert canary.path.exists()  # so the tests above test something
 
 
 TENSOR = {"dtype": "F32", "shape": [2**32], "data_offsets": [0, 2**34]}
-METADATA = {"minitouch": '{"architecture": "hac-actor-v1", "action_size": 5}'}
-LARGE = json.dumps({"__metadata__": METADATA, "weight": TENSOR}).encode()
+LARGE = json.dumps({"weight": TENSOR}).encode()
 
 
 @pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        (b"ab", "not safetensors"),
-        (struct.pack("<Q", 2**63) + b"{}", "not safetensors"),
-        (struct.pack("<Q", len(LARGE)) + LARGE + bytes(100), "damaged"),
-    ],
+    "content",
+    [struct.pack("<Q", 2**63) + b"{}", struct.pack("<Q", len(LARGE)) + LARGE + bytes(100)],
 )
-def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_path, content, text):
-    refused(policy, tmp_path, "native", content, text)
+def test_safetensors_that_declare_more_than_they_hold_are_refused(policy, tmp_path, content):
+    refused(policy, tmp_path, "native", content, "SafetensorError")
 
 
 @pytest.mark.parametrize("kind", ["torch.export", "torchscript", "sb3"])

@@ -63,6 +63,7 @@ def test_a_factory_that_is_denied_a_file_is_told_what_it_may_read(home, tmp_path
 
 @pytest.mark.parametrize("run", ["reports/run", "reports", ".", ""])
 def test_no_part_that_is_named_holds_the_run(home, run):
+    (home / "run.journal").touch()
     private = str(home / run) if run else ""
     readable, listable = factory_paths("reader:Reader", private)
     assert str(home) in listable
@@ -71,6 +72,7 @@ def test_no_part_that_is_named_holds_the_run(home, run):
     assert str(home / ".env") not in readable
     assert str(home / "data") in readable
     assert (str(home / "reports") in readable) == (run in {".", ""})
+    assert (str(home / "run.journal") in readable) == (run != ".")
 
 
 @pytest.mark.parametrize("folder", ["/", "/etc"])
@@ -78,10 +80,3 @@ def test_a_factory_is_not_started_in_a_folder_of_the_system(monkeypatch, folder)
     monkeypatch.chdir(folder)
     with pytest.raises(IsolationError, match=f"in {folder}, .*\nRun the command in another"):
         factory_paths("reader:Reader")
-
-
-def test_a_run_in_the_working_directory_itself_is_left_out(home):
-    (home / "run.journal").touch()
-    readable, _ = factory_paths("reader:Reader", str(home))
-    assert str(home / "run.journal") not in readable
-    assert str(home / "reader.py") in readable
