@@ -30,7 +30,11 @@ PARTS = {
     "acting": ((Learner, "act"),),
     "drawing a batch": ((ReplayMemory, "sample"),),
     "learning": ((Learner, "update"),),
-    "writing": ((ReplayMemory, "add"), (CheckpointFiles, "save"), (training, "append_row")),
+    "writing": (
+        (ReplayMemory, "add"),
+        (CheckpointFiles, "save"),
+        (training.Training, "_write_rows"),
+    ),
 }
 """The functions whose time makes each part; time in a function of another part is that part's."""
 

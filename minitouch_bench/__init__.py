@@ -57,19 +57,9 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "MiniTouchError",
-    "Run",
-    "TaskResult",
-    "__version__",
-    "compare",
-    "compare_methods",
-    "evaluate",
-    "export",
-    "load_run",
-    "make",
-    "replay",
-    "train",
-]
+    "MiniTouchError", "Run", "TaskResult", "__version__", "compare", "compare_methods", "evaluate",
+    "export", "load_run", "make", "replay", "train",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

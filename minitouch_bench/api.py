@@ -1,7 +1,7 @@
 """The Python front door: ``import minitouch_bench as mt`` gives these names."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -36,7 +36,7 @@ from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import StrPath, Words, checked, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
-from minitouch_bench.policies.policy import BUILT_IN, Isolation, isolation_options
+from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.reporting.viewer import EpisodePage
@@ -46,10 +46,9 @@ from minitouch_bench.shapegen.manifest import Objects
 from minitouch_bench.verification.filming import film_run, require_video, show_episode
 
 if TYPE_CHECKING:
-    from minitouch_bench.agents.training import TrainingCallbacks
     from minitouch_bench.verification.export import Export
 else:
-    Export = TrainingCallbacks = object  # their modules import torch
+    Export = object  # its module imports torch
 
 __all__ = [
     "Run", "TaskResult", "compare", "compare_methods", "evaluate", "export", "load_run", "make",
@@ -144,13 +143,6 @@ def evaluate(
         raise UsageError("resume, fresh, video and replays need a directory: give an output")
     if min(video, replays) < 0:
         raise UsageError("video and replays are 0 or more")
-    if progress and callbacks is not SILENT:
-        raise UsageError("progress shows what callbacks are told: give one of them")
-    if isinstance(exploration, str) and exploration in BUILT_IN:
-        raise UsageError(
-            f"--exploration is a policy that a training has explored with, which '{exploration}' "
-            "is not: leave it out"
-        )
     if video:
         require_video()
     opening = open_engine(engine, workers, address)
@@ -165,38 +157,39 @@ def evaluate(
         limits=isolated.limits,
         objects=objects,
     )
-    showing = ExitStack()
-    if (is_watched() and callbacks is SILENT) if progress is None else progress:
-        callbacks = showing.enter_context(episode_progress())
-    callbacks = stopping_after(stop_after, callbacks)
-    setup = prepare_policies(
-        policy, plan, isolated, callbacks.note, exploration=exploration, name=name
-    )
-    header = header_of(setup)
-    directory = None if output is None else Path(output)
-    if output == AUTO_OUTPUT:
-        directory = default_directory(header)
-    with (
-        showing,
-        opening as running,
-        files.lock_directory(directory) if directory else nullcontext(),
-    ):
-        if directory and resume and not files.holds_run(directory):
-            callbacks.note(f"no run to resume in {directory}: starting a new one")
-        opened = open_run(header, directory, resume=resume, fresh=fresh)
-        run = play_run(setup, opened, running, callbacks)
-        if directory:
-            with resumable(directory):
-                viewers = film_run(
-                    run,
-                    directory,
-                    videos=video,
-                    replays=replays,
-                    workers=running.workers,
-                    callbacks=callbacks,
-                )
-                write_views(run, directory, viewers)
+    with _shown(progress, callbacks, episode_progress) as shown:
+        told = stopping_after(stop_after, shown)
+        setup = prepare_policies(
+            policy, plan, isolated, told.note, exploration=exploration, name=name
+        )
+        header = header_of(setup)
+        directory = None if output is None else Path(output)
+        if output == AUTO_OUTPUT:
+            directory = default_directory(header)
+        locked = files.lock_directory(directory) if directory else nullcontext()
+        with opening as running, locked:
+            if directory and resume and not files.holds_run(directory):
+                told.note(f"no run to resume in {directory}: starting a new one")
+            opened = open_run(header, directory, resume=resume, fresh=fresh)
+            run = play_run(setup, opened, running, told)
+            if directory:
+                with resumable(directory):
+                    films = {"videos": video, "replays": replays, "workers": running.workers}
+                    write_views(run, directory, film_run(run, directory, callbacks=told, **films))
     return run
+
+
+def _shown(
+    progress: bool | None,
+    callbacks: Callbacks,
+    bars: Callable[[], AbstractContextManager[Callbacks]],
+) -> AbstractContextManager[Callbacks]:
+    """Return the context of the callbacks: those given, or ``bars`` where they are to be shown."""
+    is_silent = callbacks is SILENT
+    if progress and not is_silent:
+        raise UsageError("progress shows what callbacks are told: give one of them")
+    is_shown = (is_watched() and is_silent) if progress is None else progress
+    return bars() if is_shown else nullcontext(callbacks)
 
 
 @checked
@@ -230,8 +223,8 @@ def compare(
         UsageError: the runs have other episodes or another protocol.
         RunDirectoryError: a directory is not a run, or is damaged.
     """
-    opened = [run if isinstance(run, Run) else read_run(Path(run)) for run in runs]
-    comparison = compare_runs(opened, [str(run.directory or run.name) for run in opened])
+    opened = [_opened(run) for run in runs]
+    comparison = compare_runs(opened, [run.place for run in opened])
     if output is not None:
         files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
         files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
@@ -252,10 +245,8 @@ def compare_methods(
         UsageError: a method has one run, or the runs have other episodes or another protocol.
         RunDirectoryError: a directory is not a run, or is damaged.
     """
-    first, second = (
-        [run if isinstance(run, Run) else read_run(Path(run)) for run in side] for side in (a, b)
-    )
-    paths = [[str(run.directory or run.name) for run in side] for side in (first, second)]
+    first, second = ([_opened(run) for run in side] for side in (a, b))
+    paths = [[run.place for run in side] for side in (first, second)]
     comparison = compare_method_runs((first, second), paths)
     if output is not None:
         files.write_file(Path(output) / "comparison.json", methods_json(comparison))
@@ -283,7 +274,11 @@ def replay(run: Run | StrPath, episode: str) -> EpisodePage:
         UsageError: the run has no such episode, or cannot be replayed here.
         RunDirectoryError: the actions are missing, or their file is missing or damaged.
     """
-    return show_episode(run if isinstance(run, Run) else read_run(Path(run)), episode)
+    return show_episode(_opened(run), episode)
+
+
+def _opened(run: Run | StrPath) -> Run:
+    return run if isinstance(run, Run) else read_run(Path(run))
 
 
 @checked
@@ -307,7 +302,7 @@ def train(
     device: str = "auto",
     trust: bool = False,
     progress: bool | None = None,
-    callbacks: "TrainingCallbacks | None" = None,
+    callbacks: Callbacks = SILENT,
 ) -> Path:
     """Train a learner in two phases: curiosity alone, then the task.
 
@@ -319,39 +314,25 @@ def train(
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.
     """
-    # Not at the top: an evaluation needs neither.
+    # Not at the top: an evaluation needs neither, and no torch.
     from minitouch_bench.agents.config import TrainingConfig, make_config  # noqa: PLC0415
-    from minitouch_bench.agents.training import NO_CALLBACKS, TrainingCallbacks  # noqa: PLC0415
     from minitouch_bench.agents.training_directory import run_training  # noqa: PLC0415
 
-    if progress and callbacks is not None:
-        raise UsageError("progress shows what callbacks are told: give one of them")
     both, task_alone = words(without), words(task_without)
-    phases = {
-        "exploration": _phase(exploration_steps, both),
-        "task_phase": _phase(task_steps, (*both, *task_alone)),
-    }
     given = {
         "method": method,
         "seed": seed,
         "objects": objects if isinstance(objects, str | None) else str(Path(objects).absolute()),
         "dataset": None if from_log is None else str(from_log),
+        "exploration": _without_none(steps=exploration_steps, without=_senses(both)),
+        "task_phase": _without_none(steps=task_steps, without=_senses((*both, *task_alone))),
     }
-    changes = phases | {name: value for name, value in given.items() if value is not None}
     base = make_config(task, preset, None if config is None else Path(config), settings)
-    asked = take_table(changes, TrainingConfig, base=base)
+    asked = take_table(_without_none(**given), TrainingConfig, base=base)
     if task_alone and not asked.task_phase.steps:
         raise UsageError("--task-without needs a task phase, which this training has not")
-    lacking = asked.exploration.without
-    more = [sense for sense in asked.task_phase.without if sense not in lacking]
-    senses = (*(f"no-{one}" for one in lacking), *(f"task-no-{one}" for one in more))
-    method = asked.method.rpartition(":")[2]
-    usual = TRAININGS / "-".join((asked.task, method, *senses, str(asked.seed)))
-    directory = usual if output is None else Path(output)
-    with ExitStack() as showing:
-        if (is_watched() and callbacks is None) if progress is None else progress:
-            callbacks = TrainingCallbacks(**showing.enter_context(training_progress()))
-        callbacks = callbacks or NO_CALLBACKS
+    directory = TRAININGS / asked.name if output is None else Path(output)
+    with _shown(progress, callbacks, training_progress) as shown:
         is_done = run_training(
             asked,
             directory,
@@ -359,7 +340,7 @@ def train(
             fresh=fresh,
             device=device,
             trust=trust,
-            callbacks=callbacks,
+            callbacks=shown,
         )
     if not is_done:
         raise InterruptedRunError(
@@ -369,12 +350,14 @@ def train(
     return directory
 
 
-def _phase(steps: int | None, without: Sequence[str]) -> dict[str, Any]:
-    """Return the settings of a phase that were asked for.
+def _senses(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the senses of these names in their order, None for none.
 
     Raises:
         UsageError: no such sense.
     """
-    senses = parse_perturbation(without, ()).without
-    given = {"steps": steps, "without": senses or None}
+    return parse_perturbation(names, ()).without or None
+
+
+def _without_none(**given: Any) -> dict[str, Any]:
     return {name: value for name, value in given.items() if value is not None}

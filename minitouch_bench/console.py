@@ -8,10 +8,10 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from functools import cache, partial
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from minitouch_bench.episode import Outcome, PlayedEpisode, Role
@@ -182,10 +182,10 @@ def count_progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
+def training_progress() -> Iterator[Callbacks]:
     """Show a training on the screen, and end it between two steps after a Ctrl-C or SIGTERM.
 
-    A second one ends it at once. Yields the functions of ``TrainingCallbacks`` by name.
+    A second one ends it at once. Yields the functions that a training calls to be shown.
     """
     progress = _Progress(notes())
     should_stop = False
@@ -209,9 +209,8 @@ def training_progress() -> Iterator[Mapping[str, Callable[..., Any]]]:
     is_main = threading.current_thread() is threading.main_thread()  # another handles no signal
     stops = (signal.SIGINT, signal.SIGTERM) if is_main else ()
     before = {number: signal.signal(number, interrupt) for number in stops}
-    begin = partial(progress.begin, "training")
     try:
-        yield {"note": note, "begin": begin, "row": show, "should_stop": lambda: should_stop}
+        yield Callbacks(note, progress.begin, row=show, should_stop=lambda: should_stop)
     finally:
         progress.end()
         for number, handler in before.items():

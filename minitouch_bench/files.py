@@ -124,6 +124,18 @@ def os_errors_as(
 
 
 @contextmanager
+def damage_as(kind: type[errors.MiniTouchError], what: str) -> Iterator[None]:
+    """Raise what reading a damaged file causes in a block as an error that says "WHAT: why"."""
+    try:
+        yield
+    except (errors.MiniTouchError, ImportError, MemoryError):
+        raise
+    except Exception as error:  # what torch, zipfile, pickle, numpy and Minari raise has no root
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise kind(f"{what}: {reason}") from error
+
+
+@contextmanager
 def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 

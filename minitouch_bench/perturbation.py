@@ -65,9 +65,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
                 what = f"{_spelled(name)} changes a sense that stays as at the reset"
                 raise ValueError(f"{what}: leave it out, or leave out --without {min(frozen)}")
         for name, (least, most, unit) in _ALLOWED.items():
-            if (value := getattr(self, name)) is None:
-                continue
-            low, high = _as_range(value)
+            low, high = _as_range(getattr(self, name))
             if not least <= low <= high <= most:
                 order = ", the smaller value first" if low > high else ""
                 raise ValueError(f"{_spelled(name)} is {least:g} to {most:g} {unit}{order}")
@@ -75,7 +73,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def changes_senses(self) -> bool:
         """Whether a policy is given other observations than the environment's."""
-        changes_picture = self.noise or self.light not in (None, (1.0, 1.0))
+        changes_picture = self.noise or _as_range(self.light) != (1.0, 1.0)
         return bool(self.without or changes_picture or self.force_noise or self.changes_touch)
 
     @property
@@ -97,7 +95,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
             camera=rng.uniform(*self.camera),
             delay=min(int(rng.uniform(least, most + 1)), most),
             grip=rng.uniform(*self.grip),
-            light=rng.uniform(*(self.light or (1.0, 1.0))),
+            light=rng.uniform(*_as_range(self.light)),
         )
 
     def in_words(self) -> tuple[str, ...]:
@@ -142,7 +140,9 @@ _NOISY: Mapping[str, frozenset[Sense]] = {
 """The senses that each kind of noise is added to."""
 
 
-def _as_range(value: float | Range) -> Range:
+def _as_range(value: float | Range | None) -> Range:
+    """Return a condition as a range; a light that is None is the suite's, unchanged."""
+    value = 1.0 if value is None else value
     return value if isinstance(value, tuple) else (value, value)
 
 
@@ -178,16 +178,14 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
         name = spelled.replace("-", "_")
         if name in values:
             raise UsageError(f"the condition '{spelled}' is given twice")
-        low, colon, high = text.partition(":")
-        is_range = not isinstance(getattr(UNPERTURBED, name), float)
-        number = int if name == "delay" else float
+        is_range = name not in _NOISY
+        number, ranges = (int, "1:3") if name == "delay" else (float, "0.5:2")
+        low, colon, high = text.partition(":") if is_range else (text, "", "")
         try:
-            if is_range:
-                values[name] = number(low), number(high if colon else low)
-            else:
-                values[name] = number(text)
+            values[name] = (
+                (number(low), number(high if colon else low)) if is_range else number(low)
+            )
         except ValueError:
-            ranges = "1:3" if number is int else "0.5:2"
             possible = f" or {spelled}={ranges}" if is_range else ""
             what = f"'{change}' is no condition; write {spelled}=2{possible}"
             raise UsageError(what) from None

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 import minitouch_bench as mt
-from minitouch_bench.agents.training import NO_CALLBACKS
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -79,7 +78,7 @@ def test_an_object_is_evaluated_and_its_run_is_unofficial(counted):
 
 def test_an_object_remembers_nothing_and_workers_do_not_matter(counted):
     run, policy = counted
-    again = mt.evaluate(policy, **{**SHORT, "episodes": 2}, workers=2, name="again")
+    again = mt.evaluate(policy, "smoke", tasks="opening", episodes=2, workers="2", name="again")
     assert again.digest == run.digest
     assert again.header.policy.name == "again"
 
@@ -178,6 +177,7 @@ def test_a_run_with_a_directory_is_loaded_and_compared(tmp_path, counted):
     ("policy", "reason"),
     [
         (42, "int is not a policy: .* an object with act"),
+        (Counter, "class"),
         (Unpicklable(), "Unpicklable cannot be copied for each episode"),
         ("gone.pt", "does not exist"),
         ("\udcff.pt", "UTF-8"),
@@ -188,9 +188,7 @@ def test_what_is_no_policy_is_refused(policy, reason):
         mt.evaluate(policy, **SHORT)
 
 
-def test_lists_and_workers_are_written_as_on_the_command_line(counted):
-    run = mt.evaluate(Counter(), "smoke", tasks="opening", episodes=2, workers="auto")
-    assert run.digest == counted[0].digest
+def test_conditions_are_written_as_on_the_command_line():
     changed = mt.evaluate(Counter(), **SHORT, without="forces", perturb="mass=2,noise=3", workers=1)
     said = {"without forces", "mass 2 times", "noise 3 gray levels"}
     assert said <= set(changed.header.unofficial_because)
@@ -201,7 +199,6 @@ def test_lists_and_workers_are_written_as_on_the_command_line(counted):
     [
         ({"tasks": ["flying"]}, "flying"),
         ({"act_timeout": 1e300}, "86400"),
-        ({"episodes": 10**6}, "episodes"),
         ({"workers": 0}, "number"),
         ({"output": "here", "video": -1}, "0 or more"),
         ({"progress": True, "callbacks": Callbacks()}, "one of them"),
@@ -216,19 +213,13 @@ def test_wrong_options_are_refused(option, word):
     ("call", "options", "word"),
     [
         (mt.evaluate, {"act_timeout": "5"}, "act_timeout"),
-        (mt.evaluate, {"name": 5}, "name"),
-        (mt.evaluate, {"callbacks": None}, "callbacks"),
         (mt.evaluate, {"callbacks": Callbacks}, "callbacks"),
         (mt.evaluate, {"episodes": True}, "episodes"),
         (mt.evaluate, {"tasks": ["pushing", 5]}, "tasks"),
-        (mt.evaluate, {"output": 5}, "output"),
-        (mt.evaluate, {"steps": 5}, "steps"),
-        (mt.make, {"width": "a"}, "width"),
         (mt.make, {"max_steps": 300}, "max_steps"),
         (mt.make, {"objects": [3]}, "objects"),
-        (mt.train, {"callbacks": 5}, "callbacks"),
         (mt.train, {"config": 5}, "config"),
-        (mt.train, {"seed": "3"}, "seed"),
+        (mt.train, {"progress": True, "callbacks": Callbacks()}, "one of them"),
     ],
 )
 def test_an_argument_that_there_is_not_or_of_another_type_is_refused(
@@ -237,20 +228,6 @@ def test_an_argument_that_there_is_not_or_of_another_type_is_refused(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=word):
         call("pushing", **options)
-
-
-@pytest.mark.parametrize("call", [mt.load_run, mt.compare, mt.make, mt.train])
-def test_nothing_is_neither_a_run_nor_a_task(call):
-    with pytest.raises(UsageError, match="NoneType"):
-        call(None)
-    if call is not mt.compare:
-        with pytest.raises(UsageError, match="missing"):
-            call()
-
-
-def test_a_class_in_place_of_its_object_is_refused():
-    with pytest.raises(PolicyLoadError, match="class"):
-        mt.evaluate(Counter, **SHORT)
 
 
 def test_numbers_of_numpy_and_one_name_of_episodes_are_taken():
@@ -270,14 +247,8 @@ def test_a_set_of_objects_can_be_a_path(tmp_path):
     environment.close()
 
 
-def test_a_training_s_callbacks_are_not_given_up_for_its_progress():
-    with pytest.raises(UsageError, match="one of them"):
-        mt.train("pushing", progress=True, callbacks=NO_CALLBACKS)
-
-
-@pytest.mark.parametrize("task", ["playing", "pushing"])
-def test_environments_are_made_by_the_task_s_name(task):
-    environment = mt.make(task, objects="train", render_mode="rgb_array")
+def test_environments_are_made_by_the_task_s_name():
+    environment = mt.make("playing", objects="train", render_mode="rgb_array")
     environment.reset(seed=3)
     environment.step(np.zeros(4, np.float32))
     assert environment.unwrapped.object_name not in ("", "cube")

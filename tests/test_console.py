@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench import console
-from minitouch_bench.agents.training import COLUMNS, ProgressRow, TrainingCallbacks
+from minitouch_bench.agents.training import COLUMNS, ProgressRow
 from minitouch_bench.console import episode_progress
 from minitouch_bench.episode import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
@@ -84,9 +84,8 @@ def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
 
 def test_a_training_shows_its_rows_and_is_stopped_by_a_ctrl_c(monkeypatch, capsys):
     monkeypatch.setattr(console, "LINE_INTERVAL_S", 0.0)
-    with console.training_progress() as shown:
-        callbacks = TrainingCallbacks(**shown)
-        callbacks.begin(2000)
+    with console.training_progress() as callbacks:
+        callbacks.phase("training", 2000)
         row = dict.fromkeys(COLUMNS) | {"step": 500, "phase": "exploration", "touch_share": 0.25}
         callbacks.row(ProgressRow(**row))
         assert not callbacks.should_stop()

@@ -36,6 +36,7 @@ def test_conditions_are_read_as_they_are_typed():
         ([], ["light=nan"], "light is 0 to 100 times"),
         (["vision"], ["noise=1"], "--without vision"),
         (["touch"], ["force-noise=1"], "--without touch"),
+        (["forces"], ["force-noise=1"], "--without forces"),
     ],
 )
 def test_what_means_nothing_is_refused(without, changes, says):

@@ -22,6 +22,9 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 Factor = Annotated[float, Meta(ge=0, le=1e9)]
 Entropy = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
+LEAST_REPLAY = 1000
+"""Observations; the memory holds a whole episode."""
+
 Width = Annotated[float, Meta(ge=1 / 32, le=1)]
 """Channels are scaled down from those of Table 3."""
 
@@ -142,9 +145,9 @@ class TrainingConfig:
     objects: str = ""
     dataset: str = ""
     design: str = ""
-    episode_steps: NotNegative = 50
+    episode_steps: Annotated[int, Meta(ge=0, lt=LEAST_REPLAY)] = 50
     random_steps: Positive = 1000
-    replay_size: Annotated[int, Meta(ge=1000)] = 1_000_000
+    replay_size: Annotated[int, Meta(ge=LEAST_REPLAY)] = 1_000_000
     log_every: Positive = 500
     evaluate_every: NotNegative = 5000
     evaluate_episodes: Annotated[int, Meta(ge=1, le=MAX_EPISODES)] = 10
@@ -167,15 +170,18 @@ class TrainingConfig:
     curiosity: CuriosityConfig = CuriosityConfig()
 
     def __post_init__(self) -> None:
-        if self.episode_steps >= self.replay_size:
-            raise UsageError(
-                f"'episode_steps' is {self.episode_steps}; it must be smaller than 'replay_size', "
-                f"which is {self.replay_size}"
-            )
         if ":" not in self.method:
-            _check("method", self.method, tuple(METHODS))
+            _check("method", self.method, METHODS)
         for sense in (*self.exploration.without, *self.task_phase.without):
             _check("sense", sense, SENSES)
+
+    @property
+    def name(self) -> str:
+        """Return the usual name of its directory: TASK-METHOD[-no-SENSE]-SEED."""
+        lacking = self.exploration.without
+        senses = [f"no-{sense}" for sense in lacking]
+        senses += [f"task-no-{one}" for one in self.task_phase.without if one not in lacking]
+        return "-".join((self.task, self.method.rpartition(":")[2], *senses, str(self.seed)))
 
     @property
     def steps(self) -> int:
@@ -298,19 +304,19 @@ def read_recorded_config(path: Path) -> TrainingConfig:
         config = take_table(table, TrainingConfig, str(path))
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
-    given = _by_name(table)
-    if missing := [name for name in _by_name(asdict(config)) if name not in {*given, ADDED_LATER}]:
-        raise RunDirectoryError(f"{path} lacks {', '.join(missing)}: restore it, or train again")
+    if missing := _by_name(asdict(config)).keys() - _by_name(table).keys() - {ADDED_LATER}:
+        names = ", ".join(sorted(missing))
+        raise RunDirectoryError(f"{path} lacks {names}: restore it, or train again")
     return config
 
 
 def differing_settings(recorded: TrainingConfig, asked: TrainingConfig) -> list[str]:
     """Return each setting that differs, with both values."""
-    there, wanted = _by_name(asdict(recorded)), _by_name(asdict(asked))
+    there = _by_name(asdict(recorded))
     return [
-        f"{name}: {there[name]!r} there, {value!r} asked for"
-        for name, value in wanted.items()
-        if value != there[name]
+        f"{name}: {there[name]!r} there, {wanted!r} asked for"
+        for name, wanted in _by_name(asdict(asked)).items()
+        if wanted != there[name]
     ]
 
 

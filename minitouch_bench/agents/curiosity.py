@@ -16,7 +16,7 @@ from torch.nn import functional
 from minitouch_bench.agents.config import CuriosityConfig
 from minitouch_bench.agents.memory import Batch
 from minitouch_bench.agents.sac import encode_image
-from minitouch_bench.errors import MiniTouchError, UsageError
+from minitouch_bench.errors import PolicyLoadError, UsageError
 from minitouch_bench.machine import look_up_own
 from minitouch_bench.policies.networks import (
     FEATURES,
@@ -27,7 +27,6 @@ from minitouch_bench.policies.networks import (
 )
 from minitouch_bench.policies.policy import IMAGE_SHAPE
 from minitouch_bench.simulation.observation import FORCES
-from minitouch_bench.text import describe
 
 WHITENED_LIMIT = 5.0
 """Standard deviations."""
@@ -241,16 +240,13 @@ class InverseDynamics(Curiosity):
         then = self.encode(self.encoder, batch.next_image)
         guessed = self.inverse(torch.cat((now, then), dim=1))
         inverse = functional.mse_loss(guessed, batch.action)
-        surprise = self._forward_errors(batch, now.detach(), then.detach())
-        return Errors(surprise, inverse + surprise.mean())
-
-    def _forward_errors(self, batch: Batch, now: Tensor, then: Tensor) -> Tensor:
+        now, then = now.detach(), then.detach()
         if self.uses_touch:
             now = torch.cat((now, batch.touch), dim=1)
             then = torch.cat((then, batch.next_touch), dim=1)
         predicted = self.forward_model(torch.cat((now, batch.action), dim=1))
-        errors: Tensor = (predicted - then).square().mean(dim=1)
-        return errors
+        surprise = (predicted - then).square().mean(dim=1)
+        return Errors(surprise, inverse + surprise.mean())
 
 
 class TouchInverseDynamics(InverseDynamics):
@@ -313,16 +309,14 @@ class RandomDistillation(Curiosity):
         self.target_maps = _convolutions(config.width).requires_grad_(False)
         flat = self.target_maps(torch.zeros(1, *IMAGE_SHAPE)).shape[1]
         inputs = flat + (TOUCH_SIZE if self.uses_touch else 0)
-        target_head: nn.Module = nn.Linear(inputs, DISTILLED)
+        self.target_head: nn.Module = nn.Linear(inputs, DISTILLED)
         if self.uses_touch:  # no convolution sees it: one layer alone would map it linearly
-            target_head = nn.Sequential(target_head, nn.ReLU(), nn.Linear(DISTILLED, DISTILLED))
-        self.target_head = target_head.requires_grad_(False)
+            deeper = nn.ReLU(), nn.Linear(DISTILLED, DISTILLED)
+            self.target_head = nn.Sequential(self.target_head, *deeper)
+        self.target_head.requires_grad_(False)
         self.maps = _convolutions(config.width)
         self.hidden = nn.Sequential(
-            nn.Linear(inputs, DISTILLED),
-            nn.ReLU(),
-            nn.Linear(DISTILLED, DISTILLED),
-            nn.ReLU(),
+            nn.Linear(inputs, DISTILLED), nn.ReLU(), nn.Linear(DISTILLED, DISTILLED), nn.ReLU()
         )
         self.head = nn.Linear(DISTILLED, DISTILLED)
         self.whitening = Whitening(IMAGE_SHAPE, least_deviation=1.0)
@@ -389,10 +383,8 @@ def find_curiosity(method: str) -> Callable[[CuriosityConfig, int], Curiosity]:
         return CURIOSITIES[method]
     try:
         found = look_up_own(method)
-    except MiniTouchError as error:
+    except PolicyLoadError as error:
         raise UsageError(f"the method {method}: {error}") from error
-    except Exception as error:  # whatever its module raises
-        raise UsageError(f"the method {method} cannot be imported: {describe(error)}") from error
     if not (inspect.isclass(found) and issubclass(found, Curiosity)) or inspect.isabstract(found):
         base = f"{Curiosity.__module__}:{Curiosity.__name__}"
         raise UsageError(f"{method} is not a subclass of {base} with a method errors")

@@ -69,18 +69,14 @@ class TouchScale:
     half: Tensor
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "TouchScale":
+    def of(cls, workspace: Workspace, device: torch.device) -> "TouchScale":
         """Map the workspace and the openings to -1 ... 1 and FORCE_SCALE to 1."""
         center, half = torch.zeros(TOUCH_SIZE), torch.ones(TOUCH_SIZE)
         low, high = torch.tensor(workspace.low), torch.tensor(workspace.high)
         center[POSITION], half[POSITION] = (low + high) / 2, (high - low) / 2
         center[OPENINGS], half[OPENINGS] = 0.5, 0.5
         half[FORCES] = FORCE_SCALE
-        return cls(center, half)
-
-    def to(self, device: torch.device) -> "TouchScale":
-        """Return the same scale on a device."""
-        return TouchScale(self.center.to(device), self.half.to(device))
+        return cls(center.to(device), half.to(device))
 
     def scaled(self, touch: Tensor) -> Tensor:
         """Return touch float32 (N, 11) as the networks see it."""
@@ -89,9 +85,9 @@ class TouchScale:
     @torch.no_grad()
     def fold_into(self, actor: TouchActor) -> None:
         """Change an actor on scaled touch into one on touch as the environment gives it."""
-        weight, bias = actor.first_layer.weight, actor.first_layer.bias
-        weight[:, -TOUCH_SIZE:] /= self.half
-        bias.sub_(weight[:, -TOUCH_SIZE:] @ self.center)
+        weight = actor.first_layer.weight[:, -TOUCH_SIZE:]
+        weight /= self.half.to(weight.device)
+        actor.first_layer.bias.sub_(weight @ self.center.to(weight.device))
 
 
 class Learner:
@@ -106,16 +102,15 @@ class Learner:
         self.exploring = config.exploration_steps > 0
         self.keypoints: Keypoints | None = None
         self.explorer: Sac | None = None
+        self.curiosity: Curiosity | None = None
         with _weights_drawn_from(config.seed):
             self.sac = Sac(sac, action_size=spec.action_size)
-            self.curiosity: Curiosity | None = None
             if config.method != "sac":
                 self.curiosity = find_curiosity(config.method)(curiosity, spec.action_size)
+                _arrange(self.curiosity, device)
+                self.curiosity.begin()
         _arrange(self.sac, device)
-        if self.curiosity is not None:
-            _arrange(self.curiosity, device)
-            self.curiosity.begin()
-        self.scale = TouchScale.of(spec.workspace).to(device)
+        self.scale = TouchScale.of(spec.workspace, device)
         self.sac.begin_phase(self.phase)
         self.noise = torch.Generator(device).manual_seed(config.seed)
         self.rng = np.random.default_rng(config.seed)
@@ -172,12 +167,12 @@ class Learner:
 
     def act(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         """Return a stochastic action, float32 (A,)."""
-        image = torch.from_numpy(observation["image"])[None].to(self.device)
-        touch = torch.from_numpy(observation["touch"])[None].to(self.device)
-        sensed = self._seen(image, self.scale.scaled(touch))
-        action = self.sac.act(*sensed, self.noise)[0]
-        array: NDArray[np.float32] = action.cpu().numpy()
-        return array
+        image, touch = (
+            torch.from_numpy(observation[sense])[None].to(self.device)
+            for sense in ("image", "touch")
+        )
+        action = self.sac.act(*self._seen(image, self.scale.scaled(touch)), self.noise)
+        return action[0].numpy(force=True)
 
     def act_at_random(self) -> NDArray[np.float32]:
         """Return a uniformly random action, float32 (A,)."""
@@ -199,7 +194,7 @@ class Learner:
         Returns:
             The losses and other curves of the step, as scalars.
         """
-        batch, losses, prior = self._batch(memory), dict[str, Tensor](), None
+        batch, losses = self._batch(memory), dict[str, Tensor]()
         if self.exploring and self.curiosity is not None:
             errors = self.curiosity.update(batch)
             reward = self.phase.reward_scale * self.curiosity.reward(errors.surprise)
@@ -207,8 +202,7 @@ class Learner:
         else:
             reward = self.phase.reward_scale * batch.task_reward
             batch = replace(batch, discount=batch.discount * ~batch.ended)
-        if self.explorer is not None:
-            prior = batch.image[:, KEYPOINT_FEATURES:]
+        prior = None if self.explorer is None else batch.image[:, KEYPOINT_FEATURES:]
         return losses | self.sac.update(
             self._sensed_batch(batch), reward, self.noise, step, prior=prior, fitting=fitting
         )
@@ -225,13 +219,12 @@ class Learner:
 
     def _seen(self, image: Tensor, touch: Tensor) -> tuple[Tensor, Tensor]:
         """Return images, or in a task phase keypoints, and scaled touch as the policy sees them."""
-        if self.keypoints is not None:
-            if self._is_blind:
-                image = touch.new_zeros((len(touch), KEYPOINT_FEATURES))
-            else:
-                _, felt = self._sensed(image, touch)
-                image = self.keypoints.encode(image, felt)
-        return self._sensed(image, touch)
+        image, touch = self._sensed(image, touch)
+        if self.keypoints is not None and self._is_blind:
+            image = touch.new_zeros((len(touch), KEYPOINT_FEATURES))
+        elif self.keypoints is not None:
+            image = self.keypoints.encode(image, touch)
+        return image, touch
 
     def _sensed(
         self, image: Tensor, touch: Tensor, phase: PhaseConfig | None = None
@@ -291,7 +284,7 @@ class Learner:
         actor = ARCHITECTURES[architecture](self.sac.action_size, self.config.sac.encoder_width)
         actor.load_state_dict(learned | self.sac.actor.state_dict())
         self._fold_constants(actor)
-        self.scale.to(torch.device("cpu")).fold_into(actor)
+        self.scale.fold_into(actor)
         return actor.half().float()
 
     @torch.no_grad()
@@ -309,38 +302,33 @@ class Learner:
             if sense in self.phase.without:
                 weight[:, -TOUCH_SIZE:][:, part] = 0.0
 
+    def _parts(self) -> dict[str, Any]:
+        """Return the modules and optimizers that learn; each has a ``state_dict``."""
+        parts: dict[str, Any] = {"sac": self.sac, **self.sac.optimizers}
+        if self.curiosity is not None:
+            parts |= {"curiosity": self.curiosity, "surprise": self.curiosity.optimizer}
+        if self.keypoints is not None:
+            parts["keypoints"] = self.keypoints
+        if self.explorer is not None:
+            parts["explorer"] = self.explorer
+        return parts
+
     def state(self) -> dict[str, Any]:
         """Return everything that later steps depend on."""
-        state = {
+        return {
             "exploring": self.exploring,
-            "sac": self.sac.state_dict(),
-            "optimizers": {n: o.state_dict() for n, o in self.sac.optimizers().items()},
             "noise": self.noise.get_state(),
             "rng": self.rng.bit_generator.state,
+            "parts": {name: part.state_dict() for name, part in self._parts().items()},
         }
-        if self.curiosity is not None:
-            state["curiosity"] = self.curiosity.state_dict()
-            state["curiosity_optimizer"] = self.curiosity.optimizer.state_dict()
-        if self.keypoints is not None:
-            state["keypoints"] = self.keypoints.state_dict()
-            state["explorer"] = self.explorer and self.explorer.state_dict()
-        return state
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from what ``state`` returned."""
-        self.exploring = state["exploring"]
+        self.exploring, states = state["exploring"], state["parts"]
         self.sac.begin_phase(self.phase)
-        if "keypoints" in state:
-            explorer = state["explorer"]
-            keypoints = self._begin_keypoints(explored=explorer is not None)
-            keypoints.load_state_dict(state["keypoints"])
-            if self.explorer is not None:
-                self.explorer.load_state_dict(explorer)
-        self.sac.load_state_dict(state["sac"])
-        for name, optimizer in self.sac.optimizers().items():
-            optimizer.load_state_dict(state["optimizers"][name])
+        if "keypoints" in states:
+            self._begin_keypoints(explored="explorer" in states)
+        for name, part in self._parts().items():
+            part.load_state_dict(states[name])
         self.noise.set_state(state["noise"].cpu())
         self.rng.bit_generator.state = state["rng"]
-        if self.curiosity is not None:
-            self.curiosity.load_state_dict(state["curiosity"])
-            self.curiosity.optimizer.load_state_dict(state["curiosity_optimizer"])

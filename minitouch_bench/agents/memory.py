@@ -9,8 +9,8 @@ import io
 import os
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from minitouch_bench.errors import MiniTouchError, RunDirectoryError
-from minitouch_bench.files import open_plain, os_errors_as, write_file
+from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.files import damage_as, open_plain, os_errors_as, write_file
 
 COMPRESSION_LEVEL = 6
 """Of zlib: an image takes 60 to 90 microseconds in, 20 out, and 300 to 800 of 7,056 bytes."""
@@ -71,7 +71,7 @@ class ReplayMemory:
         self, capacity: int, touch_size: int, action_size: int, features_size: int = 0
     ) -> None:
         self.capacity = capacity
-        self._images: list[bytes] = []
+        self._images: dict[int, bytes] = {}
         self._plain = np.zeros(0, np.uint8)
         # Memory is taken where it is written to.
         self._touch = np.zeros((capacity, touch_size), np.float32)
@@ -122,11 +122,7 @@ class ReplayMemory:
 
     def _append(self, image: NDArray[np.uint8], touch: NDArray[np.float32]) -> None:
         row = self.rows % self.capacity
-        content = zlib.compress(image.tobytes(), COMPRESSION_LEVEL)
-        if row < len(self._images):
-            self._images[row] = content
-        else:
-            self._images.append(content)
+        self._images[row] = zlib.compress(image.tobytes(), COMPRESSION_LEVEL)
         self._image_shape = image.shape
         self._keep_plain(self.rows, image)
         self._touch[row] = touch
@@ -214,8 +210,6 @@ class ReplayMemory:
         self, rng: np.random.Generator, rows: NDArray[np.int64], share: float
     ) -> None:
         """Replace the first rows by such that led to a success, as many as ``share`` lacks."""
-        if share == 0.0:
-            return
         found = np.flatnonzero(self._led_to_success[: len(self)])
         natural = len(found) / len(self)
         if 0.0 < natural < share:
@@ -237,12 +231,13 @@ class ReplayMemory:
     def state(self) -> dict[str, Any]:
         """Return everything but the images."""
         size = len(self)
+        lengths = [len(self._images[row]) for row in range(size)]
         return {
             "rows": self.rows,
             "episode_start": self._episode_start,
             "image_shape": self._image_shape,
             "encoded": self._encoded,
-            "lengths": torch.tensor([len(image) for image in self._images], dtype=torch.int32),
+            "lengths": torch.tensor(lengths, dtype=torch.int32),
             **{name: torch.from_numpy(getattr(self, name)[:size]) for name in _COLUMNS},
         }
 
@@ -250,8 +245,8 @@ class ReplayMemory:
         """Return the images from a row on, one after the other, as they are kept."""
         return b"".join(self._images[index % self.capacity] for index in range(row, self.rows))
 
-    def load(self, state: dict[str, Any], read_images: Callable[[int], bytes]) -> None:
-        """Take over what ``state`` returned; ``read_images`` gives the images' last bytes.
+    def load(self, state: dict[str, Any], images: bytes) -> None:
+        """Take over what ``state`` returned, and the ``images`` of all rows that are held.
 
         Raises:
             ValueError, LookupError, zlib.error: the state or an image is damaged.
@@ -261,8 +256,6 @@ class ReplayMemory:
         lengths, end, size = state["lengths"].tolist(), 0, len(self)
         for name in _COLUMNS:
             getattr(self, name)[:size] = state[name]
-        images = read_images(sum(lengths))
-        self._images = [b""] * size
         for row in range(self.rows - size, self.rows):
             content = images[end : end + lengths[row % self.capacity]]
             self._images[row % self.capacity] = content
@@ -283,20 +276,8 @@ def _tensor(array: NDArray[Any], device: torch.device) -> Tensor:
 CHECKPOINT_FILE = "checkpoint.pt"
 IMAGES_FILE = "replay.bin"
 
-CHECKPOINT_VERSION = 3
+CHECKPOINT_VERSION = 4
 """Changes with the meaning of what a checkpoint contains; only this version is resumed."""
-
-
-@contextmanager
-def damage_as(kind: type[MiniTouchError], what: str) -> Iterator[None]:
-    """Raise what reading a damaged file causes in a block as an error that says "WHAT: why"."""
-    try:
-        yield
-    except (MiniTouchError, ImportError, MemoryError):
-        raise
-    except Exception as error:  # what torch, zipfile, pickle and Minari raise has no common root
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise kind(f"{what}: {reason}") from error
 
 
 class CheckpointFiles:
@@ -348,16 +329,13 @@ class CheckpointFiles:
                 state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
             if (version := state.pop("version", None)) != CHECKPOINT_VERSION:
                 raise ValueError(f"it has version {version}, not {CHECKPOINT_VERSION}: train again")
-            self._length = state.pop("images")
-            memory.load(state.pop("replay"), self._read_images)
+            self._length, replay = state.pop("images"), state.pop("replay")
+            size = int(replay["lengths"].sum())
+            with os.fdopen(open_plain(self._images, os.O_RDONLY), "rb") as file:
+                file.seek(self._length - size)
+                memory.load(replay, file.read(size))
         self._rows = memory.rows
         return state
-
-    def _read_images(self, size: int) -> bytes:
-        """Return the last ``size`` bytes of the images that the checkpoint counts."""
-        with os.fdopen(open_plain(self._images, os.O_RDONLY), "rb") as file:
-            file.seek(self._length - size)
-            return file.read(size)
 
     def damage_named(self) -> AbstractContextManager[None]:
         """Raise what damage causes in a block as a RunDirectoryError that names the file."""

@@ -90,17 +90,14 @@ class Sac(nn.Module):
         self.phase = phase
         with torch.no_grad():
             self.log_temperature.fill_(math.log(phase.initial_temperature))
-        rate = phase.learning_rate
-        self.critic_optimizer = torch.optim.Adam(
-            [*self.encoder.parameters(), *self.critics.parameters()], rate, fused=True
-        )
-        self.actor_optimizer = torch.optim.Adam(
-            [*self.actor.parameters(), self.log_temperature], rate, fused=True
-        )
-
-    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """Return the optimizers by name."""
-        return {"critic": self.critic_optimizer, "actor": self.actor_optimizer}
+        learned = {
+            "critic": [*self.encoder.parameters(), *self.critics.parameters()],
+            "actor": [*self.actor.parameters(), self.log_temperature],
+        }
+        self.optimizers = {
+            name: torch.optim.Adam(weights, phase.learning_rate, fused=True)
+            for name, weights in learned.items()
+        }
 
     @torch.no_grad()
     def act(self, image: Tensor, touch: Tensor, generator: torch.Generator) -> Tensor:
@@ -130,10 +127,8 @@ class Sac(nn.Module):
         values. Returns the losses and what else is worth a curve, as scalars.
         """
         alpha = self.log_temperature.detach().exp()
-        image, next_image = (
-            shift_at_random(image, self.config.shift, generator)
-            for image in (batch.image, batch.next_image)
-        )
+        image = shift_at_random(batch.image, self.config.shift, generator)
+        next_image = shift_at_random(batch.next_image, self.config.shift, generator)
         features = self._encode(self.encoder, image)
 
         with torch.no_grad():
@@ -147,12 +142,13 @@ class Sac(nn.Module):
 
         first, second = self.critics(features, batch.touch, batch.action)
         critic_loss = functional.mse_loss(first, target) + functional.mse_loss(second, target)
-        _step(self.critic_optimizer, critic_loss)
+        _step(self.optimizers["critic"], critic_loss)
         losses = {"critic_loss": critic_loss.detach(), "value": first.detach().mean()}
         features = features.detach()
         if fitting:
             if prior is not None:
-                _step(self.actor_optimizer, self._distance_from(prior, features, batch.touch))
+                distance = self._distance_from(prior, features, batch.touch)
+                _step(self.optimizers["actor"], distance)
             self._follow()
             return losses
 
@@ -164,7 +160,7 @@ class Sac(nn.Module):
             actor_loss = actor_loss + weight * divergence
         entropy = -log_prob.detach().mean()
         missing = self.phase.target_entropy_at(step) * self.action_size - entropy
-        _step(self.actor_optimizer, actor_loss - self.log_temperature * missing)
+        _step(self.optimizers["actor"], actor_loss - self.log_temperature * missing)
 
         self._follow()
         return losses | {

@@ -2,9 +2,8 @@
 
 import csv
 import io
-import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -16,23 +15,28 @@ from torch import Tensor
 from minitouch_bench.agents.config import TrainingConfig
 from minitouch_bench.agents.learner import Learner, kept_size
 from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
-from minitouch_bench.agents.recorded_data import fill_from_dataset
-from minitouch_bench.episode import Observation
-from minitouch_bench.errors import InvalidActionError, RunDirectoryError
-from minitouch_bench.evaluation.engine import ignore
-from minitouch_bench.files import PROGRESS_FILE, append_bytes, read_file, write_file
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TOUCH_SIZE, TouchActor
+from minitouch_bench.episode import Observation, Outcome
+from minitouch_bench.errors import InvalidActionError, RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.recording import read_episodes
+from minitouch_bench.evaluation.rollout import run_episode
+from minitouch_bench.files import PROGRESS_FILE, os_errors_as, write_file
+from minitouch_bench.policies.native import NativePolicy, save_native
+from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
-from minitouch_bench.runs.plan import PlannedObjects
+from minitouch_bench.runs.plan import Plan, PlannedObjects
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
+
+EVALUATION_SUITE = "training"
+"""Seeds the episodes of a training's evaluations; no suite has this name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProgressRow:
     """The control steps since the row before; None where there is nothing to tell.
 
+    ``phase``: "exploration" or "task".
     ``intrinsic_reward``: mean over the batches, as learned from; ``task_reward``: the task's
     own, per control step; ``touch_share``: share of control steps in contact; ``force``: mean over
     control steps of the larger of the two fingers' forces, N; ``success``:
@@ -60,101 +64,67 @@ class ProgressRow:
     seconds: float
 
 
-PHASES = ("exploration", "task")
-"""What a row's ``phase`` is."""
+STEP_COLUMNS = ("task_reward", "touch_share", "force")
+"""Columns that are means over control steps."""
 
 COLUMNS = tuple(field.name for field in fields(ProgressRow))
 
 
 class Tally:
-    """Sums since the last row."""
+    """Sums since the last row, by column; the row has their means."""
 
     def __init__(self) -> None:
-        self.steps = self.touched = self.episodes = self.successes = self.updates = 0
-        self.task_reward = self.force = 0.0
-        self.losses: dict[str, Tensor] = {}
+        self.steps = self.episodes = self.updates = 0
+        self.sums: dict[str, float | Tensor] = {}
 
-    def add_step(
-        self, reward: float, force: float, *, success: bool, touched: bool, ended: bool
-    ) -> None:
-        """Count a control step; ``force`` in N."""
-        self.steps += 1
-        self.touched += touched
-        self.task_reward += reward
-        self.force += force
-        self.episodes += ended
-        self.successes += success
-
-    def add_losses(self, losses: dict[str, Tensor]) -> None:
-        """Count a gradient step, without waiting for the device."""
-        self.updates += 1
-        for name, value in losses.items():
-            self.losses[name] = self.losses[name] + value if name in self.losses else value
+    def add(self, values: Mapping[str, float | Tensor]) -> None:
+        """Add values to their sums, without waiting for the device."""
+        for name, value in values.items():
+            self.sums[name] = self.sums.get(name, 0.0) + value
 
     def row(
         self, step: int, phase: str, evaluation: Mapping[str, float], seconds: float
     ) -> ProgressRow:
         """Return the row that these sums make, with the fields that an evaluation gives."""
+        counts = {"success": self.episodes, **dict.fromkeys(STEP_COLUMNS, self.steps)}
         return ProgressRow(
             step=step,
             phase=phase,
             episodes=self.episodes,
-            task_reward=self.task_reward / self.steps if self.steps else None,
-            touch_share=self.touched / self.steps if self.steps else None,
-            force=self.force / self.steps if self.steps else None,
-            success=self.successes / self.episodes if self.episodes else None,
             seconds=round(seconds, 1),
             **evaluation,
-            **{name: float(total) / self.updates for name, total in self.losses.items()},
+            **{n: float(total) / counts.get(n, self.updates) for n, total in self.sums.items()},
         )
-
-
-@dataclass(frozen=True)
-class TrainingCallbacks:
-    """Functions that a training calls while it runs; each does nothing by default.
-
-    ``note`` takes one line for the user. ``begin`` takes the control steps of both phases; ``row``
-    takes each row of ``progress.csv``. ``should_stop`` is asked before each control step.
-    """
-
-    note: Callable[[str], None] = ignore
-    begin: Callable[[int], None] = ignore
-    row: Callable[[ProgressRow], None] = ignore
-    should_stop: Callable[[], bool] = lambda: False
-
-
-NO_CALLBACKS = TrainingCallbacks()
 
 
 class Training:
     """One training in its directory, from its first step or from its last checkpoint."""
 
-    def __init__(
-        self,
-        config: TrainingConfig,
-        environment: MiniTouchEnv,
-        directory: Path,
-        *,
-        evaluate: Callable[[TouchActor, bool], Mapping[str, float]],
-        callbacks: TrainingCallbacks,
-        device: torch.device,
-    ) -> None:
+    def __init__(self, config: TrainingConfig, directory: Path, device: torch.device) -> None:
         self.config = config
-        self._evaluate = evaluate
-        self._environment = environment
         self._directory = directory
-        self._callbacks = callbacks
-        spec = environment.task.spec
+        limit = config.episode_steps or None
+        self._environment = MiniTouchEnv(config.task, config.objects or None, max_steps=limit)
+        self._world = MiniTouchEnv(config.task)  # of its evaluations
+        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
+        self._evaluated = plan.specs()
+        spec = self._environment.task.spec
         self._learner = Learner(config, spec, device)
         features = kept_size(spec.action_size) if config.task_phase.keypoint_updates else 0
         self._memory = ReplayMemory(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
         self._tally = Tally()
+        self._rows: list[ProgressRow] = []
         self._observation: Observation
         self._episode = -1
         self._seconds = 0.0
         self.step = 0
+
+    def close(self) -> None:
+        """End the worlds."""
+        self._environment.close()
+        self._world.close()
 
     def start(self, *, fresh: bool = False) -> None:
         """Begin, or go on from the last checkpoint, if there is one and not ``fresh``.
@@ -169,15 +139,16 @@ class Training:
         else:
             self._begin()
         if not fresh:
-            cut_rows(self._directory / PROGRESS_FILE, self.step)
+            self._write_rows()
 
-    def run(self) -> bool:
+    def run(self, callbacks: Callbacks) -> bool:
         """Train to the end and return True, or False where it was asked to stop before.
 
         Raises:
             RunDirectoryError: a file cannot be written; the last checkpoint is kept.
             InvalidActionError: the training diverged, so that the policy gives no numbers.
         """
+        self._callbacks = callbacks
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
                 self._save()
@@ -189,16 +160,32 @@ class Training:
             else:
                 self._control_step()
             for _ in range(self._updates_due()):
-                self._tally.add_losses(self._learner.update(self._memory, self._phase_step))
+                self._tally.updates += 1
+                self._tally.add(self._learner.update(self._memory, self._phase_step))
             self._keep_records()
         self._finish()
         return True
 
+    def _write_rows(self) -> None:
+        """Write ``progress.csv`` whole, so without rows after the checkpoint; none has no file.
+
+        Raises:
+            RunDirectoryError: there is no room, or no permission.
+        """
+        file, text = self._directory / PROGRESS_FILE, io.StringIO()
+        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(asdict, self._rows))
+        if self._rows:
+            write_file(file, text.getvalue())
+        else:
+            with os_errors_as(RunDirectoryError, file, "removed"):
+                file.unlink(missing_ok=True)
+
     def _begin(self) -> None:
         if self.config.dataset:
-            fill_from_dataset(
-                self._memory, Path(self.config.dataset), self._learner.sac.action_size
-            )
+            action_size = self._learner.sac.action_size
+            fill_from_dataset(self._memory, Path(self.config.dataset), action_size)
         if not self._is_from_dataset:
             self._begin_episode()
 
@@ -227,17 +214,15 @@ class Training:
             success=success,
             ended=terminated,
         )
-        forces = observation["touch"][FORCES].reshape(2, 3)
-        self._tally.add_step(
-            reward,
-            float(np.linalg.norm(forces, axis=1).max()),
-            success=success,
-            touched=bool(info["contact_ticks"] > 0),
-            ended=terminated or truncated,
-        )
+        force = np.linalg.norm(observation["touch"][FORCES].reshape(2, 3), axis=1).max()
+        touched = float(info["contact_ticks"] > 0)
+        self._tally.steps += 1
+        self._tally.add({"task_reward": reward, "touch_share": touched, "force": float(force)})
         self._observation = observation
         self.step += 1
         if terminated or truncated:
+            self._tally.episodes += 1
+            self._tally.add({"success": float(success)})
             self._begin_episode()
 
     def _begin_episode(self) -> None:
@@ -281,13 +266,24 @@ class Training:
             self._save()
 
     def _write_row(self, *, is_evaluated: bool) -> None:
-        exploring = self._learner.exploring
-        evaluation = self._evaluate(self._learner.actor(), not exploring) if is_evaluated else {}
-        phase = PHASES[0 if exploring else 1]
+        evaluation = self._evaluate() if is_evaluated else {}
+        phase = "exploration" if self._learner.exploring else "task"
         row = self._tally.row(self.step, phase, evaluation, self._elapsed())
-        append_row(self._directory / PROGRESS_FILE, row)
+        self._rows.append(row)
+        self._write_rows()
         self._callbacks.row(row)
         self._tally = Tally()
+
+    def _evaluate(self) -> dict[str, float]:
+        """Return the shares of success and touch over the same episodes each time, as in a row."""
+        policy = NativePolicy(self._learner.actor(), not self._learner.exploring)
+        records = [run_episode(self._world, policy, spec) for spec in self._evaluated]
+        touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
+        success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
+        return {
+            "evaluation_success": float(success),
+            "evaluation_touch_share": float(touched.mean()),
+        }
 
     def _elapsed(self) -> float:
         """Return the seconds spent since the first step, over all resumptions."""
@@ -315,6 +311,7 @@ class Training:
             "episode": self._episode,
             "seconds": self._elapsed(),
             "tally": vars(self._tally),
+            "rows": [asdict(row) for row in self._rows],
             "learner": self._learner.state(),
             "objects": self._objects,
         }
@@ -326,7 +323,7 @@ class Training:
             RunDirectoryError: the checkpoint is damaged, or of a training with other objects.
         """
         state = self._files.load(self._memory)
-        if state.get("objects", self._objects) != self._objects:
+        if state["objects"] != self._objects:
             raise RunDirectoryError(
                 f"{self.config.objects} is not the set of objects with which the training in "
                 f"{self._directory} was begun.\n"
@@ -336,6 +333,7 @@ class Training:
             self.step, self._episode = state["step"], state["episode"]
             self._seconds = state["seconds"]
             vars(self._tally).update(state["tally"])
+            self._rows = [ProgressRow(**row) for row in state["rows"]]
             self._learner.load_state(state["learner"])
         if self._is_from_dataset:
             return
@@ -344,55 +342,29 @@ class Training:
             self._observation = self._environment.step(action)[0]
 
 
-def append_row(path: Path, row: ProgressRow) -> None:
-    """Add a row to a CSV file, with the names of the columns above the first.
+def fill_from_dataset(memory: ReplayMemory, path: Path, action_size: int) -> None:
+    """Fill the replay memory with the episodes of a recorded dataset.
 
     Raises:
-        RunDirectoryError: there is no room, or no permission.
+        MissingExtraError: the package that reads it is not installed.
+        UsageError: there is no such dataset, it is of another environment, damaged, without a
+            control step or larger than the memory.
     """
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    if not os.path.lexists(path):
-        writer.writeheader()
-    writer.writerow({n: "" if v is None else v for n, v in asdict(row).items()})
-    append_bytes(path, text.getvalue().encode())
-
-
-def cut_rows(path: Path, step: int) -> None:
-    """Drop the rows after a step, which will be written again, and the file with the last row.
-
-    Raises:
-        RunDirectoryError: the file cannot be read, or has a line that is not a row.
-    """
-    if not os.path.lexists(path):
-        return
-    try:
-        lines = read_file(path).decode().splitlines(keepends=True)
-        if lines and lines[-1][-1] != "\n":  # a kill left a part of it
-            lines.pop()
-        if lines and lines[0].split() != [",".join(COLUMNS)]:
-            raise ValueError("its first line does not name the columns")
-        kept = [line for line in lines[1:] if _step_of(line) <= step]
-    except (OSError, ValueError) as error:
-        advice = "Restore it, or remove it to resume without its rows"
-        raise RunDirectoryError(f"{path} cannot be read: {error}.\n{advice}") from error
-    if kept:
-        write_file(path, "".join([lines[0], *kept]))
-    else:
-        path.unlink()
-
-
-def _step_of(line: str) -> int:
-    """Return the control step of a row.
-
-    Raises:
-        ValueError: the line is not a row.
-    """
-    try:
-        cells = dict(zip(COLUMNS, line.rstrip().split(","), strict=True))
-        PHASES.index(cells.pop("phase"))
-        for cell in filter(None, cells.values()):
-            float(cell)
-        return int(cells["step"])
-    except ValueError:
-        raise ValueError(f"{line.rstrip()[:60]!a} is not a row") from None
+    for episode in read_episodes(path, action_size):
+        memory.begin_episode(episode.images[0], episode.touch[0])
+        for step, action in enumerate(episode.actions):
+            memory.add(
+                action,
+                float(episode.rewards[step]),
+                episode.images[step + 1],
+                episode.touch[step + 1],
+                success=bool(episode.success[step]),
+                ended=bool(episode.ended[step]),
+            )
+    if not memory.rows:
+        raise UsageError(f"{path} contains no control step")
+    if memory.rows > memory.capacity:
+        raise UsageError(
+            f"{path} contains {memory.rows:,} observations, the memory {memory.capacity:,}: set a "
+            "larger replay_size"
+        )

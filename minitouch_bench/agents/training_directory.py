@@ -3,22 +3,19 @@
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatch
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from minitouch_bench import files
 from minitouch_bench.agents.config import TrainingConfig, differing_settings, read_recorded_config
 from minitouch_bench.agents.curiosity import digest_method
 from minitouch_bench.agents.memory import CHECKPOINT_FILE, IMAGES_FILE
-from minitouch_bench.agents.training import NO_CALLBACKS, ProgressRow, Training, TrainingCallbacks
-from minitouch_bench.episode import EpisodeSpec, Outcome
+from minitouch_bench.agents.training import ProgressRow, Training
 from minitouch_bench.errors import (
     InvalidActionError,
     MiniTouchError,
@@ -26,22 +23,15 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Note
+from minitouch_bench.evaluation.engine import SILENT, Callbacks, Note
 from minitouch_bench.evaluation.execution import resumable
-from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.json_io import checked, write_toml
 from minitouch_bench.machine import require
-from minitouch_bench.policies.native import NativePolicy
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import CONFIG_FILE, EXPLORED_FILE, KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.runs.plan import Plan, first_of
-from minitouch_bench.tasks.environment import MiniTouchEnv
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.text import describe
-
-EVALUATION_SUITE = "training"
-"""Seeds the episodes of a training's evaluations; no suite has this name."""
 
 EVENTS_DIRECTORY = "events"
 
@@ -61,7 +51,7 @@ def run_training(
     fresh: bool = False,
     device: str = "auto",
     trust: bool = False,
-    callbacks: TrainingCallbacks = NO_CALLBACKS,
+    callbacks: Callbacks = SILENT,
 ) -> bool:
     """Train to the end and return True, or False where it was asked to stop before.
 
@@ -88,61 +78,35 @@ def run_training(
             f"'{config.method}' runs Python code of its own on this machine.\n"
             "If you trust it, add --trust"
         )
-    config = replace(config, method_digest=digest_method(config.method))
     chosen = choose_device(device)
     keep_freed_memory()
-    with (
-        files.lock_directory(directory),
-        _own_settings(),
-        _own_faults(config.method),
-        ExitStack() as stack,
-    ):
-        _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
-        first_phase = config.exploration_steps or config.steps
-        if not config.dataset and 0 < first_phase <= config.random_steps:
-            callbacks.note(
-                f"the first phase teaches nothing: all of its {first_phase:,} control steps are "
-                f"random (random_steps = {config.random_steps:,})"
-            )
-        callbacks.begin(config.steps)
-        limit = config.episode_steps or None
-        environment = MiniTouchEnv(config.task, config.objects or None, max_steps=limit)
-        world = MiniTouchEnv(config.task)  # of its evaluations
-        for one in (environment, world):
-            stack.callback(one.close)
-        plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
+    with files.lock_directory(directory), _own_settings(), _own_faults(config.method):
+        config = replace(config, method_digest=digest_method(config.method))
+        known = _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
+        callbacks.phase("training", config.steps)
+        with closing(Training(config, directory, chosen)) as training:
+            training.start(fresh=fresh)
+            if fresh:  # nothing can be refused any more
+                _remove_training(directory)
+            with resumable(directory):
+                if known is not None and config.is_longer_than(known):
+                    _keep_policy(directory, known.steps)
+                files.write_file(directory / CONFIG_FILE, write_toml(config))
+                with _events_written(directory, callbacks) as watched:
+                    return _run(training, directory, watched)
 
-        def on_row(row: ProgressRow) -> None:
-            callbacks.row(row)
-            if events is not None:
-                events.add(row)
 
-        training = Training(
-            config,
-            environment,
-            directory,
-            evaluate=partial(_evaluate, world, plan.specs()),
-            callbacks=replace(callbacks, row=on_row),
-            device=chosen,
-        )
-        training.start(fresh=fresh)
-        if fresh:  # nothing can be refused any more
-            _remove_training(directory)
-        with resumable(directory):
-            _keep_policy(config, directory)
-            files.write_file(directory / CONFIG_FILE, write_toml(config))
-            events = _open_events(directory, callbacks.note)
-            if events is not None:
-                stack.callback(events.close)
-            try:
-                finished = training.run()
-            except InvalidActionError as error:
-                raise UsageError(
-                    f"the training diverged after step {training.step}: {error}.\n"
-                    "Set a smaller learning_rate or reward_scale, and another --output"
-                ) from error
-            if (directory / files.PROGRESS_FILE).exists():  # there is a row to draw
-                files.write_file(directory / files.REPORT_PAGE, training_page(directory))
+def _run(training: Training, directory: Path, callbacks: Callbacks) -> bool:
+    """Run a training, and draw its rows if there are any; False where it was asked to stop."""
+    try:
+        finished = training.run(callbacks)
+    except InvalidActionError as error:
+        raise UsageError(
+            f"the training diverged after step {training.step}: {error}.\n"
+            "Set a smaller learning_rate or reward_scale, and another --output"
+        ) from error
+    if (directory / files.PROGRESS_FILE).exists():
+        files.write_file(directory / files.REPORT_PAGE, training_page(directory))
     return finished
 
 
@@ -171,52 +135,47 @@ def _own_settings() -> Iterator[None]:
         torch.set_default_dtype(dtype)
 
 
-class _Events:
-    """TensorBoard's events of one training, each in its file before the next control step.
+@contextmanager
+def _events_written(directory: Path, callbacks: Callbacks) -> Iterator[Callbacks]:
+    """Give callbacks that also write each row as TensorBoard's events, if it can be written.
 
     tensorboardX's ``SummaryWriter`` writes in a thread, which ends with a traceback and leaves the
     training waiting where the disk is full; the writer below it has none.
+
+    Raises:
+        RunDirectoryError: the disk is full, or the folder of events is another one's.
     """
-
-    def __init__(self, folder: Path) -> None:
-        self._proto = require("tensorboardX.proto.event_pb2", "train")
-        self._summary = require("tensorboardX.proto.summary_pb2", "train").Summary
+    try:
         writers = require("tensorboardX.event_file_writer", "train")
-        self._folder = files.make_folder(folder).absolute()
-        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
-            self._writer = writers.EventsWriter(str(self._folder / "events"))
+        event_proto = require("tensorboardX.proto.event_pb2", "train")
+        summary_proto = require("tensorboardX.proto.summary_pb2", "train")
+    except MissingExtraError as error:
+        callbacks.note(f"no TensorBoard events are written: {error}")
+        yield callbacks
+        return
+    folder = files.make_folder(directory / EVENTS_DIRECTORY).absolute()
+    with files.os_errors_as(RunDirectoryError, folder, "written"):
+        writer = writers.EventsWriter(str(folder / "events"))
 
-    def add(self, row: ProgressRow) -> None:
-        """Write every number of a row as a scalar at its control step.
-
-        Raises:
-            RunDirectoryError: the disk is full.
-        """
+    def write(row: ProgressRow) -> None:
+        callbacks.row(row)
         scalars = [
-            self._summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
+            summary_proto.Summary.Value(tag=f"{row.phase}/{name}", simple_value=value)
             for name, value in asdict(row).items()
             if name != "step" and isinstance(value, float | int)
         ]
-        event = self._proto.Event(
-            wall_time=time.time(), step=row.step, summary=self._summary(value=scalars)
-        )
-        with files.os_errors_as(RunDirectoryError, self._folder, "written"):
-            self._writer.write_event(event)
-            self._writer.flush()
+        summary = summary_proto.Summary(value=scalars)
+        with files.os_errors_as(RunDirectoryError, folder, "written"):
+            writer.write_event(
+                event_proto.Event(wall_time=time.time(), step=row.step, summary=summary)
+            )
+            writer.flush()
 
-    def close(self) -> None:
-        """Close the file; every row is in it already."""
-        with suppress(OSError):
-            self._writer.close()
-
-
-def _open_events(directory: Path, note: Note) -> _Events | None:
-    """Return the writer of a new file of events, None where its package is not installed."""
     try:
-        return _Events(directory / EVENTS_DIRECTORY)
-    except MissingExtraError as error:
-        note(f"no TensorBoard events are written: {error}")
-        return None
+        yield replace(callbacks, row=write)
+    finally:
+        with suppress(OSError):  # every row is in the file already
+            writer.close()
 
 
 def choose_device(name: str) -> torch.device:
@@ -239,46 +198,56 @@ def choose_device(name: str) -> torch.device:
 
 def _check_directory(
     config: TrainingConfig, directory: Path, note: Note, *, resume: bool, fresh: bool
-) -> None:
+) -> TrainingConfig | None:
     """See that a directory is empty, or that the training in it is the one to resume or replace.
+
+    Returns the settings of the training to resume, None where there is none.
 
     Raises:
         RunDirectoryError: the directory contains anything and neither ``resume`` nor ``fresh`` was
             asked for; it contains no training; to resume, one with other settings, or a finished
             one without its checkpoint; to replace, another file beside it.
     """
-    file = directory / CONFIG_FILE
     entries = files.entries_of(directory)
-    if fresh and CONFIG_FILE in entries:
+    is_training = CONFIG_FILE in entries
+    if is_training and resume:
+        return _check_same(config, directory, is_over=TRAINED_FILE in entries)
+    if is_training and fresh:
         entries = [n for n in entries if not any(fnmatch(n, one) for one in TRAINING_FILES)]
-    if resume and CONFIG_FILE in entries:
-        known = read_recorded_config(file)
-        if config != known and not config.is_longer_than(known):
-            raise RunDirectoryError(
-                f"{file} has other settings: {'; '.join(differing_settings(known, config)[:3])}.\n"
-                "Resume with the same ones or more steps in the last phase, or begin again with "
-                "--fresh or another --output"
-            )
-        if TRAINED_FILE in entries and CHECKPOINT_FILE not in entries:
-            raise RunDirectoryError(
-                f"{directory} has a finished training without its checkpoint: it cannot go on.\n"
-                "Replace it with --fresh, or choose another --output"
-            )
-    elif entries:
-        advice = (
-            "continue the training in it with --resume, replace it with --fresh, or choose another "
-            "--output"
-        )
-        if fresh and file.exists():
-            advice = "that is not of the training: move it away, or choose another --output"
-        elif CONFIG_FILE not in entries:
-            advice = "it contains no training; choose another --output"
-        raise RunDirectoryError(
-            f"{directory} is not empty: {first_of([ascii(name) for name in entries], 1)}.\n"
-            f"{advice.capitalize()}"
-        )
-    elif resume:
+        advice = "That is not of the training: move it away, or choose another --output"
+    elif is_training:
+        advice = "Continue the training in it with --resume, replace it with --fresh, or choose "
+        advice += "another --output"
+    else:
+        advice = "It contains no training; choose another --output"
+    if entries:
+        first = first_of([ascii(name) for name in entries], 1)
+        raise RunDirectoryError(f"{directory} is not empty: {first}.\n{advice}")
+    if resume:
         note(f"{directory} contains no training yet: one is started")
+    return None
+
+
+def _check_same(config: TrainingConfig, directory: Path, *, is_over: bool) -> TrainingConfig:
+    """Return the settings of the training to resume.
+
+    Raises:
+        RunDirectoryError: they are others, or the training ``is_over`` and has no checkpoint.
+    """
+    known = read_recorded_config(directory / CONFIG_FILE)
+    if config != known and not config.is_longer_than(known):
+        raise RunDirectoryError(
+            f"{directory / CONFIG_FILE} has other settings: "
+            f"{'; '.join(differing_settings(known, config)[:3])}.\n"
+            "Resume with the same ones or more steps in the last phase, or begin again with "
+            "--fresh or another --output"
+        )
+    if is_over and not os.path.lexists(directory / CHECKPOINT_FILE):
+        raise RunDirectoryError(
+            f"{directory} has a finished training without its checkpoint: it cannot go on.\n"
+            "Replace it with --fresh, or choose another --output"
+        )
+    return known
 
 
 def _remove_training(directory: Path) -> None:
@@ -293,26 +262,8 @@ def _remove_training(directory: Path) -> None:
                 file.unlink()
 
 
-def _keep_policy(config: TrainingConfig, directory: Path) -> None:
+def _keep_policy(directory: Path, steps: int) -> None:
     """Name the policy of a training that is made longer by its steps: it is no longer the last."""
     file = directory / TRAINED_FILE
-    if not os.path.lexists(file):
-        return
-    known = read_recorded_config(directory / CONFIG_FILE)
-    if config.is_longer_than(known):
-        with files.os_errors_as(RunDirectoryError, file, "renamed"):
-            file.rename(file.with_name(KEPT_FILE.format(known.steps)))
-
-
-def _evaluate(
-    environment: MiniTouchEnv, specs: Sequence[EpisodeSpec], actor: TouchActor, deterministic: bool
-) -> dict[str, float]:
-    """Return the shares of success and touch over the same episodes each time, as in a row."""
-    policy = NativePolicy(actor, deterministic)
-    records = [run_episode(environment, policy, spec) for spec in specs]
-    touched = np.concatenate([record.trace.contact_ticks > 0 for record in records])
-    success = np.mean([record.outcome is Outcome.SUCCESS for record in records])
-    return {
-        "evaluation_success": float(success),
-        "evaluation_touch_share": float(touched.mean()),
-    }
+    with files.os_errors_as(RunDirectoryError, file, "renamed"), suppress(FileNotFoundError):
+        file.rename(file.with_name(KEPT_FILE.format(steps)))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import (
@@ -51,15 +51,19 @@ def ignore(*_: object) -> None:
 
 @dataclass(frozen=True)
 class Callbacks:
-    """Functions that an evaluation calls while it runs; each does nothing by default.
+    """Functions that an evaluation or a training calls; each does nothing by default.
 
     ``note`` takes one line for the user. ``phase`` takes what begins now, in a word or two, and
-    its number of episodes; ``episode`` takes each episode of the phase as it ends.
+    its number of episodes, of a training that of control steps; ``episode`` takes each episode of
+    the phase as it ends. Of a training alone: ``row`` takes each row of ``progress.csv``, a
+    ``ProgressRow``; ``should_stop`` is asked before each control step.
     """
 
     note: Callable[[str], None] = ignore
     phase: Callable[[str, int], None] = ignore
     episode: Callable[[PlayedEpisode], None] = ignore
+    row: Callable[[Any], None] = ignore
+    should_stop: Callable[[], bool] = lambda: False
 
 
 SILENT = Callbacks()

@@ -19,14 +19,7 @@ from minitouch_bench.policies.policy import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same, read_header
 from minitouch_bench.runs.plan import first_of
-from minitouch_bench.runs.run import (
-    Run,
-    RunHeader,
-    make_header,
-    make_run,
-    read_run,
-    run_json,
-)
+from minitouch_bench.runs.run import Run, RunHeader, make_header, make_run, read_run, run_json
 from minitouch_bench.simulation.builds import BUILDS
 
 PACKAGES = ("minitouch-bench", *BUILDS, "gymnasium", "numpy", *computing_packages())
@@ -130,10 +123,7 @@ def _check_empty(directory: Path) -> None:
 
 
 def play_missing(
-    setup: PolicySetup,
-    journal: Journal,
-    engine: Engine,
-    on_record: Callable[[PlayedEpisode], None],
+    setup: PolicySetup, journal: Journal, engine: Engine, on_record: Callable[[PlayedEpisode], None]
 ) -> Run:
     """Play the episodes that are missing, and return the whole run.
 
@@ -212,23 +202,22 @@ def resumable(directory: Path | None) -> Iterator[None]:
 
     A file that cannot be written, as on a full disk, interrupts one too.
     """
-    advice = changed = "Nothing is kept: a run with an output directory could be resumed."
+    kept = f"What is done is kept in {directory}"
+    usual = f"{kept}; the same command with --resume continues."
+    changed = (
+        f"{kept}: --resume continues with the old file, --fresh begins again with the new one."
+    )
     repeat = "Correct the policy and repeat"
-    if directory is not None:
-        kept = f"What is done is kept in {directory}"
-        advice = f"{kept}; the same command with --resume continues."
-        changed = f"{kept}: --resume continues with the old file, --fresh begins again with the "
-        changed += "new one."
+    if directory is None:
+        usual = changed = "Nothing is kept: a run with an output directory could be resumed."
+    else:
         repeat += " the command with --fresh; or --resume plays this same policy on"
+    advice = {errors.HopelessRunError: repeat, errors.CheckpointChangedError: changed}
     try:
         yield
-    except errors.HopelessRunError as error:
-        raise errors.HopelessRunError(f"{error}\n{repeat}") from error
-    except errors.CheckpointChangedError as error:
-        raise errors.CheckpointChangedError(f"{error}\n{changed}") from error
-    except errors.OutOfMemoryError as error:
-        raise errors.OutOfMemoryError(f"{error}\n{advice}") from error
     except (errors.InfrastructureError, errors.RunDirectoryError) as error:
-        raise errors.InfrastructureError(f"{error}\n{advice}") from error
+        raise errors.InfrastructureError(f"{error}\n{usual}") from error
+    except (*advice, errors.OutOfMemoryError) as error:
+        raise type(error)(f"{error}\n{advice.get(type(error), usual)}") from error
     except KeyboardInterrupt as error:
-        raise errors.InterruptedRunError(f"interrupted\n{advice}") from error
+        raise errors.InterruptedRunError(f"interrupted\n{usual}") from error

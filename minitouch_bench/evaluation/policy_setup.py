@@ -20,6 +20,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
 from minitouch_bench.policies.policy import (
+    BUILT_IN,
     FORMATS,
     SANDBOXED,
     TO_REMEMBER,
@@ -39,9 +40,6 @@ from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
-END_OF_RECORDING = "the recorded actions end before the episode does"
-"""The fault of a replayed episode that its policy broke off."""
-
 
 class RecordedPolicy:
     """Repeats the actions of each episode, by its task and seed, and fails where they end early."""
@@ -59,12 +57,13 @@ class RecordedPolicy:
         """Return the next action.
 
         Raises:
-            PolicyFaultError: there is none.
+            PolicyFaultError: there is none: in the recorded run the policy broke off here.
         """
         try:
             return next(self._rest)
         except StopIteration:
-            raise PolicyFaultError(END_OF_RECORDING) from None
+            text = "the recorded actions end before the episode does"
+            raise PolicyFaultError(text) from None
 
 
 @dataclass(frozen=True)
@@ -156,6 +155,11 @@ def prepare_policies(
             raise UsageError("--name is empty: reports need a name of the policy")
         source = replace(source, name=name)
     explorer = None
+    if isinstance(exploration, str) and exploration in BUILT_IN:
+        raise UsageError(
+            f"--exploration is a policy that a training has explored with, which '{exploration}' "
+            "is not: leave it out"
+        )
     if exploration is not None:
         goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
         if not goals:
@@ -171,11 +175,7 @@ def prepare_policies(
 
 
 def _find_policy(
-    policy: object,
-    tasks: tuple[str, ...],
-    isolation: IsolationOptions,
-    note: Note,
-    role: Role,
+    policy: object, tasks: tuple[str, ...], isolation: IsolationOptions, note: Note, role: Role
 ) -> PolicySource:
     if isinstance(policy, PolicySource):
         source = policy

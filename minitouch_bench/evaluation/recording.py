@@ -1,4 +1,4 @@
-"""Episodes as a dataset: in Minari's format, or in LeRobot's."""
+"""Episodes as a dataset: written in Minari's format or in LeRobot's, and read in Minari's."""
 
 import contextlib
 import logging
@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.machine import require, require_minari
 from minitouch_bench.policies import lerobot
+from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 TOUCH_NAMES = (
@@ -208,3 +210,73 @@ def _show(environment: MiniTouchEnv, played: PlayedEpisode) -> NDArray[np.uint8]
     images = [environment.reset(seed=spec.seed, options={OBJECT: spec.shape})[0]["image"]]
     images += [environment.step(action)[0]["image"] for action in played.trace.actions]
     return np.stack(images)
+
+
+# Reading
+
+LARGEST_VALUE = 1e4
+"""The largest number that a touch sensor in m and N, or a reward, may have."""
+
+
+@dataclass(frozen=True)
+class RecordedEpisode:
+    """An episode of T control steps, by a robot, a policy or a person.
+
+    ``images`` uint8 (T + 1, 1, H, W), ``touch`` float32 (T + 1, 11), ``actions`` float32 (T, A);
+    ``rewards``, ``ended`` (for good, not by a step limit) and ``success``: float32 (T,).
+    """
+
+    images: NDArray[np.uint8]
+    touch: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+    ended: NDArray[np.float32]
+    success: NDArray[np.float32]
+
+
+def read_episodes(path: Path, action_size: int) -> Iterator[RecordedEpisode]:
+    """Read the episodes of a Minari dataset, a directory as ``minitouch-bench record`` writes it.
+
+    Raises:
+        MissingExtraError: Minari is not installed.
+        UsageError: there is no such dataset, it is damaged, or of another environment.
+    """
+    minari = require_minari()
+    with files.damage_as(errors.UsageError, f"{path} is not a Minari dataset of this task"):
+        for episode in minari.MinariDataset(path).iterate_episodes():
+            yield _checked(episode, action_size)
+
+
+def _checked(episode: Any, action_size: int) -> RecordedEpisode:
+    """Return an episode whose arrays have the task's shapes.
+
+    Raises:
+        ValueError: an array has another shape or type, or a number that cannot be.
+        LookupError, TypeError, AttributeError: an array is missing.
+    """
+    images, steps = episode.observations["image"], len(episode.actions)
+    if not steps:
+        raise ValueError("an episode has no control step")
+    if images.dtype != np.uint8 or images.shape != (steps + 1, *IMAGE_SHAPE):
+        raise ValueError(f"its images are {images.dtype} {images.shape}")
+    rewards = _numbers("rewards", episode.rewards, (steps,))
+    # A reward of another kind needs ``is_success``; its first value may be the reset's.
+    reached = (episode.infos or {}).get("is_success", rewards > 0)[-steps:]
+    return RecordedEpisode(
+        images,
+        _numbers("touch", episode.observations["touch"], (steps + 1, *TOUCH_SHAPE)),
+        _numbers("actions", episode.actions, (steps, action_size), 1.0),
+        rewards,
+        _numbers("terminations", episode.terminations, (steps,)),
+        _numbers("is_success", reached, (steps,)),
+    )
+
+
+def _numbers(
+    name: str, array: NDArray[Any], shape: tuple[int, ...], largest: float = LARGEST_VALUE
+) -> NDArray[np.float32]:
+    if array.shape != shape:
+        raise ValueError(f"its {name} are {array.shape}; wanted is {shape}")
+    if not (np.abs(array) <= largest).all():  # NaN is not
+        raise ValueError(f"its {name} are not numbers within ±{largest:g}")
+    return array.astype(np.float32)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from minitouch_bench.episode import EpisodeSpec, PlayedEpisode
 from minitouch_bench.errors import RunDirectoryError
-from minitouch_bench.files import ACTIONS_FILE, ENTRY_MARK, KIB, write_file
+from minitouch_bench.files import ACTIONS_FILE, ENTRY_MARK, KIB, damage_as, write_file
 from minitouch_bench.protocol.minitouch import PROTOCOL
 
 MAX_NPY_HEADER = 256
@@ -71,21 +71,17 @@ def parse_actions(content: bytes, specs: Sequence[EpisodeSpec], name: str) -> di
     """
     tasks = {spec.key: spec.task for spec in specs}
     actions: dict[str, Actions] = {}
-    try:
+    with damage_as(RunDirectoryError, f"{name} is damaged"):
         for key, array in unpack_arrays(content, len(specs)):
             if key not in tasks or key in actions:
                 what = f"{name} holds {key[:80]!a}, which is not an episode of the run"
                 raise RunDirectoryError(what)
-            check_actions(key, array, tasks[key])
+            _check_actions(key, array, tasks[key])
             actions[key] = array
-    except RunDirectoryError:
-        raise
-    except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
-        raise RunDirectoryError(f"{name} is damaged: {error}") from error
     return actions
 
 
-def check_actions(key: str, actions: NDArray[Any], task: str) -> None:
+def _check_actions(key: str, actions: NDArray[Any], task: str) -> None:
     """Refuse what are not an episode's actions.
 
     Raises:

@@ -97,8 +97,7 @@ class Journal:
                 f"{directory} was begun with other packages, which --resume needs: {differences}"
             )
         lines = (read_json(line, _EpisodeLine, str(path)) for line in others if line is not None)
-        planned = frozenset(header.specs())
-        found = {line.spec: line for line in lines if line.spec in planned}
+        found = {line.spec: line for line in lines}
         journal.records = {
             spec: _unpack(found[spec], str(path)) for spec in header.specs() if spec in found
         }
@@ -113,16 +112,9 @@ class Journal:
         if self.directory is not None:
             trace = record.trace
             arrays = pack_arrays({name: getattr(trace, name) for name in ARRAYS})
-            line = _EpisodeLine(
-                record.spec,
-                record.outcome,
-                record.start,
-                record.fault,
-                trace.first_touch_tick,
-                arrays,
-            )
-            content = b"\n" + _as_line(line)
-            files.append_bytes(self.directory / files.JOURNAL_FILE, content)
+            how = (record.spec, record.outcome, record.start, record.fault)
+            line = _EpisodeLine(*how, trace.first_touch_tick, arrays)
+            files.append_bytes(self.directory / files.JOURNAL_FILE, b"\n" + _as_line(line))
         self.records[record.spec] = record
 
     def remove(self) -> None:
@@ -169,11 +161,9 @@ def _content(line: bytes) -> bytes | None:
 
 
 def _unpack(stored: _EpisodeLine, name: str) -> PlayedEpisode:
-    try:
+    with files.damage_as(RunDirectoryError, f"{name} is damaged"):
         arrays = dict(unpack_arrays(stored.arrays, len(ARRAYS)))
         trace = Trace(**arrays, first_touch_tick=stored.first_touch_tick)
-    except Exception as error:  # zipfile, its decompressors and numpy's parser have no common root
-        raise RunDirectoryError(f"{name} is damaged: {error}") from error
     return PlayedEpisode(stored.spec, stored.outcome, stored.start, trace, stored.fault)
 
 

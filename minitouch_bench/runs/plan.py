@@ -226,13 +226,12 @@ class Plan:
         """Return the options of ``evaluate`` that make this plan."""
         suite = PROTOCOL.suite(self.suite)
         words = ["--suite", self.suite]
-        if self.chosen:
-            words += [word for key in self.chosen for word in ("--episodes-from", key)]
-        else:
-            if self.tasks != suite.tasks:
-                words += ["--tasks", ",".join(self.tasks)]
-            if self.episodes != suite.episodes_per_task:
-                words += ["--episodes", str(self.episodes)]
+        for key in self.chosen:
+            words += ["--episodes-from", key]
+        if not self.chosen and self.tasks != suite.tasks:
+            words += ["--tasks", ",".join(self.tasks)]
+        if self.episodes != suite.episodes_per_task:  # never of chosen episodes
+            words += ["--episodes", str(self.episodes)]
         if self.seed != suite.seed:
             words += ["--seed", str(self.seed)]
         if self.objects:
@@ -300,31 +299,23 @@ def make_plan(
         raise UsageError(f"episodes can be 1 to {MAX_EPISODES:,}, and a seed 0 or more")
     if conditions.light == (known.light, known.light):
         conditions = msgspec.structs.replace(conditions, light=None)
-    if not chosen and tasks is None:
+    if chosen:
+        tasks = [key.partition("/")[0] for key in chosen]
+    elif tasks is None:
         tasks = _usual_tasks(known, with_objects=objects is not None)
-    plan = Plan(
-        suite,
-        choose_tasks([key.partition("/")[0] for key in chosen] or tasks, known),
-        number,
-        seed,
-        chosen,
-        conditions,
-        limits,
-        UNSET if objects is None else PlannedObjects.of(objects),
-    )
-    if plan.objects and (mistake := plan.objects.mistake(plan.tasks)):
+    tasks = choose_tasks(tasks, known)
+    planned = UNSET if objects is None else PlannedObjects.of(objects)
+    if planned and (mistake := planned.mistake(tasks)):
         raise UsageError(f"{mistake}: leave it out, or leave out --objects")
-    return plan
+    return Plan(suite, tasks, number, seed, chosen, conditions, limits, planned)
 
 
-def choose_tasks(asked: Sequence[str] | None, suite: SuiteSpec) -> tuple[str, ...]:
-    """Return the tasks of a suite that are asked for, in the suite's order; None for all.
+def choose_tasks(asked: Sequence[str], suite: SuiteSpec) -> tuple[str, ...]:
+    """Return the tasks of a suite that are asked for, in the suite's order.
 
     Raises:
         UsageError: one of them is not in the suite.
     """
-    if asked is None:
-        return suite.tasks
     unknown = [name for name in asked if name not in suite.tasks]
     if unknown or not asked:
         raise UsageError(

@@ -214,30 +214,13 @@ class Run:
 
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"
-        policy, suite, tasks = self.header.policy.name, self.plan.suite, ", ".join(self.tasks)
         faults = f", policy faults: {len(self.faults)}" if self.faults else ""
-        return f"<Run of {policy} on {suite}, {label}{faults}: {tasks}>"
+        what = f"{self.header.policy.name} on {self.plan.suite}, {label}{faults}"
+        return f"<Run of {what}: {', '.join(self.tasks)}>"
 
     def by_role(self) -> tuple[tuple[Role, tuple[Episode, ...]], ...]:
         """Return the rows of each role, the final policy's first."""
         return (Role.FINAL, self.rows), (Role.EXPLORATION, self.exploration_rows)
-
-    @cached_property
-    def actions_content(self) -> bytes:
-        """The bytes of ``actions.npz``.
-
-        Raises:
-            UnreadableFileError: the file cannot be read.
-        """
-        path = self._path(files.ACTIONS_FILE)
-        if (path.parent / files.PACKED_RUN_FILE).exists():
-            words = ("minitouch-bench evaluate", self.header.policy.source, *self.plan.as_options())
-            raise UnreadableFileError(
-                f"{path.parent} is kept without its actions; the checkpoint gives them again: "
-                f"{' '.join(words)}"
-            )
-        with files.os_errors_as(UnreadableFileError, path, "read"):
-            return files.read_file(path, files.LARGEST_ACTIONS)
 
     @cached_property
     def actions(self) -> Mapping[str, Actions]:
@@ -248,9 +231,16 @@ class Run:
         """
         if self.directory is None:
             return self.kept_actions
-        return parse_actions(
-            self.actions_content, self.header.specs(), str(self._path(files.ACTIONS_FILE))
-        )
+        path = self.directory / files.ACTIONS_FILE
+        if (path.parent / files.PACKED_RUN_FILE).exists():
+            words = ("minitouch-bench evaluate", self.header.policy.source, *self.plan.as_options())
+            raise UnreadableFileError(
+                f"{path.parent} is kept without its actions; the checkpoint gives them again: "
+                f"{' '.join(words)}"
+            )
+        with files.os_errors_as(UnreadableFileError, path, "read"):
+            content = files.read_file(path, files.LARGEST_ACTIONS)
+        return parse_actions(content, self.header.specs(), str(path))
 
     def actions_of(self, key: str) -> Actions:
         """Return the recorded actions of the episode called ``key``.
@@ -259,13 +249,8 @@ class Run:
             RunDirectoryError: they are missing, or the file is missing or damaged.
         """
         if key not in self.actions:
-            raise RunDirectoryError(f"{self._path(files.ACTIONS_FILE)} has no actions of {key}")
+            raise RunDirectoryError(f"{self.place} has no actions of {key}")
         return self.actions[key]
-
-    def _path(self, name: str) -> Path:
-        if self.directory is None:
-            raise UnreadableFileError(f"{self.name} is kept in memory: it has no {name}")
-        return self.directory / name
 
     def specs_and_rows(self) -> Iterator[tuple[EpisodeSpec, Episode]]:
         """Walk through the episodes of the plan with the row of each."""
@@ -300,12 +285,11 @@ def make_run(
     }
     episodes, exploration = rows[Role.FINAL], rows[Role.EXPLORATION]
     estimates = summarize(header.plan.tasks, episodes, exploration, header.plan.seed)
-    summary = with_curves(estimates, records)
     return Run(
         digest=run_digest(header, episodes, exploration),
         header=header,
         environment=environment,
-        summary=summary,
+        summary=with_curves(estimates, records),
         faults={record.spec.key: record.fault for record in records if record.fault},
         rows=episodes,
         exploration_rows=exploration,
@@ -316,9 +300,7 @@ def make_run(
 
 
 def run_digest(
-    header: RunHeader,
-    episodes: Iterable[Episode],
-    exploration_episodes: Iterable[Episode] = (),
+    header: RunHeader, episodes: Iterable[Episode], exploration_episodes: Iterable[Episode] = ()
 ) -> str:
     """Return the SHA-256 over the rules of each task and the episodes, in the run's order.
 
@@ -378,7 +360,7 @@ def parse_run(content: bytes, name: str, directory: Path | None = None) -> Run:
         if unknown := sorted(named[what].difference(known)):
             raise RunDirectoryError(f"{files.RUN_FILE}: this version has no {what} {unknown[0]!a}")
     return Run(
-        document.digest, document.header, document.environment, document.summary, document.faults,
+        document.digest, document.header, document.environment, summary, document.faults,
         document.episodes, document.exploration_episodes, name, directory, content,
     )  # fmt: skip
 

@@ -1,6 +1,5 @@
 """A learner: what it saves acts as what it learned."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,6 @@ from minitouch_bench.agents.config import (
     SacConfig,
     TrainingConfig,
 )
-from minitouch_bench.agents.curiosity import CURIOSITIES, Curiosity, Errors
 from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.learner import Learner, TouchScale, kept_size
 from minitouch_bench.agents.memory import ReplayMemory
@@ -91,32 +89,6 @@ def test_a_target_entropy_far_below_the_policys_lowers_the_temperature():
     assert last < risen
 
 
-class TouchCounts(Curiosity):
-    """Pays for touching where little was touched yet: no network, no optimizer."""
-
-    def __init__(self, config, _action_size):
-        super().__init__(config)
-        self.register_buffer("counts", torch.zeros(2))
-
-    def errors(self, batch):
-        cells = (batch.next_touch[:, -1] > 0).long()
-        self.counts += torch.bincount(cells, minlength=2)
-        surprise = self.counts[cells].rsqrt()
-        return Errors(surprise, surprise.mean())
-
-
-def test_a_curiosity_without_a_network_learns_and_goes_on_from_its_state(monkeypatch):
-    monkeypatch.setitem(CURIOSITIES, "hac", TouchCounts)
-    first, other = (make_learner(sac=SacConfig(batch_size=4)) for _ in range(2))
-    memory = filled_replay()
-    first.update(memory, 1)
-    other.load_state(copy.deepcopy(first.state()))
-    losses = [one.update(memory, 2) for one in (first, other)]
-    assert losses[0] == losses[1]
-    assert losses[0]["intrinsic_reward"] > 0
-    assert other.curiosity.counts.sum() == 8
-
-
 @pytest.mark.parametrize("sense", SENSES)
 @pytest.mark.parametrize("keypoints", [False, True])
 def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keypoints):
@@ -183,7 +155,7 @@ WORKSPACE = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
 
 
 def test_the_workspace_spans_minus_one_to_one():
-    scale = TouchScale.of(WORKSPACE)
+    scale = TouchScale.of(WORKSPACE, torch.device("cpu"))
     corners = torch.tensor([[*WORKSPACE.low, 0, 0, *[-10] * 6], [*WORKSPACE.high, 1, 1, *[10] * 6]])
     expected = torch.tensor([[-1.0] * 11, [1.0] * 11])
     torch.testing.assert_close(scale.scaled(corners), expected)

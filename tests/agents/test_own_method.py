@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from minitouch_bench.agents.config import read_recorded_config
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
+from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.json_io import write_toml
 from tests.agents.test_training import outcome
 from tests.agents.trainings import CONFIG
@@ -44,7 +44,7 @@ def test_the_page_s_example_trains_and_resumes_with_trust_and_the_same_file(besi
     assert recorded.method_digest == hashlib.sha256(EXAMPLE.read_bytes()).hexdigest()
 
     asked = iter(range(100))
-    stop = TrainingCallbacks(should_stop=lambda: next(asked) == 17)
+    stop = Callbacks(should_stop=lambda: next(asked) == 17)
     again = beside / "again"
     assert not run_training(OWN, again, device="cpu", trust=True, callbacks=stop)
     with pytest.raises(UsageError, match="--trust"):

@@ -37,7 +37,7 @@ def test_critics_learn_the_reward_where_nothing_follows():
 
 def test_the_actors_loss_leaves_encoder_and_critics_alone():
     sac = make(PhaseConfig(10, learning_rate=0.0))
-    sac.actor_optimizer.param_groups[0]["lr"] = 1e-3
+    sac.optimizers["actor"].param_groups[0]["lr"] = 1e-3
     before = weights(sac.encoder), weights(sac.critics), weights(sac.actor)
     batch = random_batch()
     sac.update(batch, batch.task_reward, generator(), 0)

@@ -1,6 +1,5 @@
 """What a training finds in its directory: nothing is replaced, nothing outside it is written."""
 
-import math
 import pickle
 import shutil
 from dataclasses import replace
@@ -11,7 +10,6 @@ import torch
 from minitouch_bench import files
 from minitouch_bench.agents import memory, training
 from minitouch_bench.agents.config import PhaseConfig
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -19,6 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
+from minitouch_bench.evaluation.engine import Callbacks
 from tests.agents.test_training import KilledError, break_off, outcome
 from tests.agents.trainings import CONFIG, stop_at_once
 from tests.shapegen.conftest import subset
@@ -89,7 +88,7 @@ def test_a_fresh_training_replaces_one(prepared):
     config = (prepared / "config.toml").read_text()
     with pytest.raises(UsageError, match="--fresh"):
         run_training(CONFIG, prepared, resume=True, fresh=True, device="cpu")
-    stopped = TrainingCallbacks(should_stop=lambda: True)
+    stopped = Callbacks(should_stop=lambda: True)
     other = replace(CONFIG, seed=CONFIG.seed + 1)
     run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
     assert (prepared / "config.toml").read_text() != config
@@ -172,49 +171,6 @@ def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
     assert not (tmp_path / "run" / "final.safetensors").exists()
 
 
-def test_rows_of_a_training_that_diverges_are_not_damaged(tmp_path):
-    file = tmp_path / "progress.csv"
-    row = training.Tally().row(5, "task", {}, 1.0)
-    training.append_row(file, replace(row, critic_loss=math.inf, value=-math.inf))
-    before = file.read_bytes()
-    training.cut_rows(file, 5)
-    assert file.read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("success", "won"),
-        (",task,", ",play,"),
-        ("1.0\n", "1.0,2.0\n"),
-        ("1.0\n", "soon\n"),
-        ("5,", "inf,"),
-        ("\n5,", "\n,"),
-        ("5,task", "5\x00,task"),
-    ],
-)
-def test_rows_that_somebody_edited_are_refused_before_the_training_goes_on(tmp_path, old, new):
-    file = tmp_path / "progress.csv"
-    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
-    text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(RunDirectoryError, match=r"progress\.csv"):
-        training.cut_rows(file, 5)
-
-
-def test_a_part_of_a_row_is_cut(tmp_path):
-    file = tmp_path / "progress.csv"
-    training.append_row(file, training.Tally().row(5, "task", {}, 1.0))
-    whole = file.read_text()
-    file.write_text(whole + "10,ta")
-    training.cut_rows(file, 10)
-    assert file.read_text() == whole
-    file.write_text(whole[:9])
-    training.cut_rows(file, 10)
-    assert not file.exists()
-
-
 LONGER = replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=CONFIG.task_phase.steps + 5))
 
 
@@ -245,7 +201,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
         run_training(CONFIG, prepared, fresh=True, device="cpu")
     assert not (prepared / "checkpoint.pt").exists()
     monkeypatch.undo()
-    stopped = TrainingCallbacks(should_stop=lambda: True)
+    stopped = Callbacks(should_stop=lambda: True)
     assert not run_training(CONFIG, prepared, fresh=True, device="cpu", callbacks=stopped)
 
 
@@ -253,51 +209,36 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 
 
 @pytest.mark.parametrize(
-    "place", [(memory, "write_file", 0), (training, "append_bytes", 21)], ids=lambda one: one[1]
+    "place",
+    [
+        (files, "config.toml", 0),
+        (memory, "checkpoint.pt", 0),
+        (training, "progress.csv", 4),
+        (files, "report.html", 0),
+    ],
 )
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     undisturbed, tmp_path, monkeypatch, place
 ):
-    """``kept``: the step of the last checkpoint; there is one at every seventh step."""
+    """``kept``: how often the file is written before."""
     module, name, kept = place
-    write, calls = getattr(module, name), []
+    write, calls = module.write_file, []
 
     def fill(path, content):
-        calls.append(path)
-        # A row is written at every fifth step: after step 21 the fifth is the next.
-        if len(calls) > (kept // 7 if name == "write_file" else kept // 5):
+        calls.append(path.name)
+        if calls.count(name) > kept:
             raise RunDirectoryError(f"{path} cannot be written: No space left on device")
         write(path, content)
 
-    monkeypatch.setattr(module, name, fill)
-    with pytest.raises(InfrastructureError) as full:
+    monkeypatch.setattr(module, "write_file", fill)
+    with pytest.raises(InfrastructureError, match=f"{name} .*No space .*\n.*--resume continues"):
         run_training(CONFIG, tmp_path / "run", device="cpu")
-    reason, advice = str(full.value).splitlines()
-    assert "No space left on device" in reason
-    assert "--resume" in advice
-    assert (tmp_path / "run" / "checkpoint.pt").exists() == bool(kept)
+    assert (tmp_path / "run" / "checkpoint.pt").exists() == (
+        name in ("progress.csv", "report.html")
+    )
     monkeypatch.undo()
     assert run_training(CONFIG, tmp_path / "run", resume=True, device="cpu")
     assert outcome(tmp_path / "run") == outcome(undisturbed)
-
-
-@pytest.mark.parametrize("name", ["config.toml", "report.html"])
-def test_a_full_disk_at_the_beginning_or_the_end_says_the_same(
-    prepared, undisturbed, monkeypatch, name
-):
-    write = files.write_file
-
-    def fill(path, content):
-        if path.name == name:
-            raise RunDirectoryError(f"{path} cannot be written: No space left on device")
-        write(path, content)
-
-    monkeypatch.setattr(files, "write_file", fill)
-    with pytest.raises(InfrastructureError, match=f"{name} cannot .*\n.*--resume continues"):
-        run_training(CONFIG, prepared, resume=True, device="cpu")
-    monkeypatch.undo()
-    assert run_training(CONFIG, prepared, resume=True, device="cpu")
-    assert outcome(prepared) == outcome(undisturbed)
 
 
 # A damaged checkpoint
@@ -312,18 +253,16 @@ def flipped(content):
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
-        ("checkpoint.pt", lambda _: b""),
         ("checkpoint.pt", lambda _: pickle.dumps([1, 2], protocol=2)),
         ("checkpoint.pt", lambda content: content[: len(content) // 2]),
         ("checkpoint.pt", flipped),
         ("replay.bin", lambda content: content[:-10]),
         ("replay.bin", flipped),
-        ("progress.csv", lambda content: content.replace(b"5,", b"five,")),
     ],
 )
 def test_a_damaged_checkpoint_is_named(prepared, name, damage):
     (prepared / name).write_bytes(damage((prepared / name).read_bytes()))
-    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt|progress\.csv"):
+    with pytest.raises(RunDirectoryError, match=r"checkpoint\.pt"):
         run_training(CONFIG, prepared, resume=True, device="cpu")
 
 
@@ -336,7 +275,7 @@ def changed(directory, **values):
 
 @pytest.mark.parametrize(
     ("values", "word"),
-    [({"version": 0}, "version 0"), ({"version": None}, "version"), ({"step": None}, "step")],
+    [({"version": 0}, "version 0"), ({"step": None}, "step")],
 )
 def test_a_checkpoint_of_another_form_is_refused(prepared, values, word):
     changed(prepared, **values)

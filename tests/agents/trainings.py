@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
-from minitouch_bench.agents.training import TrainingCallbacks
 from minitouch_bench.agents.training_directory import run_training
+from minitouch_bench.evaluation.engine import Callbacks
 
 CONFIG = TrainingConfig(
     "pushing",
@@ -31,6 +31,6 @@ CONFIG = TrainingConfig(
 def stop_at_once(directory: Path, config: TrainingConfig = CONFIG) -> list[str]:
     """Begin or resume a training that is asked to stop before its next step; return its notes."""
     notes: list[str] = []
-    callbacks = TrainingCallbacks(note=notes.append, should_stop=lambda: True)
+    callbacks = Callbacks(note=notes.append, should_stop=lambda: True)
     assert not run_training(config, directory, resume=True, device="cpu", callbacks=callbacks)
     return notes

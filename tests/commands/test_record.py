@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from minitouch_bench.agents.memory import ReplayMemory
-from minitouch_bench.agents.recorded_data import fill_from_dataset
+from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.commands.record import record
 from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
 from tests.commands.command import finish, start
@@ -67,7 +67,7 @@ def test_a_recording_that_is_stopped_leaves_nothing(tmp_path, stop):
 WITHOUT = f"""
 import sys
 from pathlib import Path
-from minitouch_bench.agents.recorded_data import fill_from_dataset
+from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.commands.record import record
 {WITHOUT_LOCKS}

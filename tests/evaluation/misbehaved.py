@@ -69,13 +69,6 @@ class Hopeless(Still):
             raise ValueError("nothing learned")
 
 
-class Untaught(Still):
-    """Can be loaded and reset, and fails at its first step."""
-
-    def act(self, observation):
-        raise ValueError(f"nothing learned of {self.task}")
-
-
 class Quits(Still):
     """Ends its program with success."""
 

@@ -13,7 +13,6 @@ import torch
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
-    MissingExtraError,
     UsageError,
 )
 from minitouch_bench.evaluation.execution import header_of
@@ -158,10 +157,4 @@ def test_the_ray_of_the_caller_is_left_alone(monkeypatch):
     ray = SimpleNamespace(is_initialized=lambda: True)  # which nobody can shut down
     monkeypatch.setitem(sys.modules, "ray", ray)
     with pytest.raises(UsageError, match="uses Ray already"), engine_at(None):
-        pass
-
-
-def test_without_ray_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingExtraError, match=r"minitouch-bench\[ray\]"), engine_at(None):
         pass
