@@ -40,7 +40,7 @@ def compare(
     Each run is compared with the first one; with --a and --b, two methods by their training seeds.
     """
     from minitouch_bench import api
-    from minitouch_bench.comparison.comparison import comparison_json, show_comparison
+    from minitouch_bench.comparison.comparison import comparison_blocks, comparison_json
     from minitouch_bench.comparison.methods import method_blocks, methods_json
     from minitouch_bench.reporting import tables
 
@@ -63,7 +63,7 @@ def compare(
     if as_json:
         print(comparison_json(comparison), end="")
     else:
-        show_comparison(comparison, data_console())
+        tables.show(comparison_blocks(comparison), data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
     if html is not None:

@@ -116,7 +116,7 @@ def regress(
     chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
     _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
     from minitouch_bench.comparison import gate, gate_report, pairing
-    from minitouch_bench.comparison.retrainings import judge
+    from minitouch_bench.comparison.methods import judge
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.runs.run import read_run
