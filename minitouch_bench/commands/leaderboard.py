@@ -122,8 +122,9 @@ def remove(
     """Remove a submission and its results, after showing what goes."""
     from minitouch_bench.leaderboard.packing import find_removable, remove_submission
 
-    for path, content in (there := find_removable(submissions, results, name)).items():
-        note(f"{path}{os.sep}: {content}")
+    there = find_removable(submissions, results, name)
+    for path in there:
+        note(f"{path}{os.sep}")
     if not yes:
         if not os.isatty(0):
             raise errors.UsageError("nothing is removed without --yes where no terminal can ask")

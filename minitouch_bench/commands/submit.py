@@ -101,6 +101,7 @@ def submit(
         Submission,
         equal_checkpoints,
     )
+    from minitouch_bench.policies.sources import SubmittedTraining
 
     isolated = isolation_options(isolation, trust=False)
     for option, listed, known in (
@@ -113,12 +114,12 @@ def submit(
     if all(map(packing.is_training, policies)):
         if exploration or training_seeds:
             raise UsageError("a training directory has its seed and its exploration policy itself")
-        trainings, of_trainings = packing.pack_trainings(policies)
+        checkpoints, of_trainings = packing.pack_trainings(policies)
         told |= of_trainings
     else:
         seeds = whole_numbers("--training-seeds", training_seeds)
-        trainings = packing.pack_policies(policies, exploration or [], seeds)
-        if not any(one.training.checkpoints for one in trainings):  # a built-in policy
+        checkpoints = packing.pack_policies(policies, exploration or [], seeds)
+        if not any(checkpoints.values()):  # a built-in policy
             told |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
     given = {
         "method": method,
@@ -131,11 +132,13 @@ def submit(
         raise UsageError("--training-steps is missing: control steps of a training, 0 if none")
     told |= {"name": name, "suites": words(suites), "authors": words(authors)}
     told |= {"paper": paper, "code": code, "license": license_, "notes": notes}
-    told["trainings"] = [one.training for one in trainings]
+    told["trainings"] = [
+        SubmittedTraining(seed, tuple(found)) for seed, found in checkpoints.items()
+    ]
     submission = take_table(told, Submission)
     with episode_progress() as callbacks, open_engine("local", workers) as engine:
         place = packing.pack_submission(
-            submission, trainings, directory, engine, callbacks, isolation=isolated
+            submission, checkpoints, directory, engine, callbacks, isolation=isolated
         )
     for sentence in equal_checkpoints(directory, submission):
         note(sentence)

@@ -144,6 +144,8 @@ def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(played):
     ]  # fmt: skip
     assert turned[0].summary.tasks != runs[0].summary.tasks
     assert score({"table4": turned}) == score({"table4": runs})
+    keys = [*score({"dark": runs, "table4": runs})]  # in every process
+    assert keys[-2:] == [OVERALL, "dark"]
 
 
 def test_a_seed_has_learned_where_it_is_above_the_best_floor(played, rows):

@@ -150,7 +150,7 @@ POLICY = ["policy-0.safetensors"]
         (POLICY, {"exploration": ["random"]}, "not a checkpoint"),
         (POLICY * 2, {"exploration": ["policy-1.safetensors"]}, "exploration policies"),
         (POLICY * 2, {}, "same final"),
-        (["policy-0.safetensors", "policy-1.safetensors"], {"training_seeds": "1,1"}, "twice"),
+        (["policy-0.safetensors", "policy-1.safetensors"], {"training_seeds": "1,1"}, "different"),
         (["random"], {"name": "mine", "modalities": "touch"}, "final checkpoint"),
         (["http://localhost:1"], {}, "not a checkpoint"),
         (["module:Policy"], {}, "not a checkpoint"),
