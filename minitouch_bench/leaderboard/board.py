@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
-from minitouch_bench.leaderboard.entry import Entry, FreshDraw, RowFacts
+from minitouch_bench.leaderboard.entry import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.ranking import (
     BOARD_TASKS,
@@ -19,9 +19,8 @@ from minitouch_bench.leaderboard.ranking import (
     RANKED_BY,
     Pair,
     Rank,
-    RunsBySuite,
 )
-from minitouch_bench.leaderboard.submission import About, Submission
+from minitouch_bench.leaderboard.submission import About
 from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
@@ -40,36 +39,6 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 
 COPIED_SHARE = 0.5
 """Share of equal episodes that makes a training a copy: independent trainings have none."""
-
-
-@dataclass(frozen=True)
-class PlayedRow:
-    """A submission with what ``play`` kept of it: its draws, and the runs of finished suites."""
-
-    submission: Submission
-    row: RowFacts
-    official: RunsBySuite
-    fresh: RunsBySuite
-
-    @classmethod
-    def read(cls, entry: Entry) -> "PlayedRow":
-        """Read the results of a submission.
-
-        Raises:
-            RunDirectoryError: a file is damaged, or the run is of other policies or rules.
-        """
-        row = entry.read_row()
-        return cls(entry.submission, row, *entry.read_runs(row))
-
-    def episodes(self, task: str) -> list[list[Episode]]:
-        """Return the final policy's episodes of a task of the main suite, of each training."""
-        runs = self.official.get(MAIN_SUITE, ())
-        return [[row for row in run.rows if row.task == task] for run in runs]
-
-    def draws(self) -> tuple[FreshDraw, ...]:
-        """Return the draw of each training."""
-        found = (self.row.draw_for(training) for training in self.submission.trainings)
-        return tuple(draw for draw in found if draw is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
