@@ -50,7 +50,7 @@ SHOWN_CHANGES, LISTED_CHANGES = 20, 10
 
 
 @dataclass(frozen=True)
-class Finding:
+class MetricVerdict:
     """What a metric of a task shows: ``p_adjusted`` is over all rows of the metric."""
 
     effect: Effect
@@ -59,7 +59,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class ComparedMetric(Finding):
+class ComparedMetric(MetricVerdict):
     """One metric of one task in two runs, and what it shows.
 
     ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve``, of each
@@ -235,7 +235,7 @@ def comparison_blocks(
 
 def _metric_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     rows = [(metric, metric.episodes_to_resolve) for metric in pair.metrics]
-    return finding_tables(pair.titles, rows, "Episodes to resolve")
+    return verdict_tables(pair.titles, rows, "Episodes to resolve")
 
 
 def comparison_notes() -> tuple[str, ...]:
@@ -318,12 +318,12 @@ def tables_by_metric(
         yield tables.Table(head, ("Task",), columns, of_head)
 
 
-def finding_tables(
+def verdict_tables(
     titles: tuple[str, str],
-    found: Sequence[tuple[Finding, *tuple[int | None, ...]]],
+    found: Sequence[tuple[MetricVerdict, *tuple[int | None, ...]]],
     *labels: str,
 ) -> tuple[tables.Table, ...]:
-    """Lay out findings and numbers with these labels, one table per metric: tasks down."""
+    """Lay out verdicts and numbers with these labels, one table per metric: tasks down."""
     first, second = titles
     columns = tables.make_columns(
         first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", *labels,

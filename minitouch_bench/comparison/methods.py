@@ -34,7 +34,7 @@ from minitouch_bench.reporting.labels import format_value, run_labels, task_titl
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
-METHODS = ("A", "B")
+SIDES = ("A", "B")
 
 OVER_TRAININGS = "Student's t over training seeds, of shares no narrower than over all episodes"
 
@@ -222,7 +222,7 @@ def _seeds_to_settle(sides: SideValues, endpoint: gate.Endpoint, alpha: float) -
 
 
 @dataclass(frozen=True)
-class MethodMetric(comparison.Finding):
+class MethodMetric(comparison.MetricVerdict):
     """One metric of one task in the trainings of both methods.
 
     Training seeds of each method: ``to_decide`` would show the difference if it is as observed,
@@ -262,7 +262,7 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
         UsageError: a method has one run, one training twice or runs under several conditions; the
             runs have too few episodes, or not the same ones.
     """
-    for title, side in zip(METHODS, sides, strict=True):
+    for title, side in zip(SIDES, sides, strict=True):
         if len(side) < 2:
             raise UsageError(
                 f"a method is compared by two training seeds or more, and --{title.lower()} names "
@@ -273,7 +273,7 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
     runs = [*sides[0], *sides[1]]
     kept = comparison.shared_tasks(runs)
     tasks = tasks_in_order(kept[:1])
-    paired = pair_trainings((kept[: len(sides[0])], kept[len(sides[0]) :]), METHODS)
+    paired = pair_trainings((kept[: len(sides[0])], kept[len(sides[0]) :]), SIDES)
     by_metric = [
         zip(*(pairing.collect_values(pairs, tasks) for pairs in side), strict=True)
         for side in paired
@@ -289,8 +289,8 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
         (one for one in metrics if one.effect.task == MEAN_TASK),
         next(one for one in metrics if one.effect.metric == ranking_metric(one.effect.task)),
     )
-    trainings = _values_of_trainings(METHODS, collected[metrics.index(main)], paths)
-    first, second = map(_side_of, METHODS, sides, paths)
+    trainings = _values_of_trainings(SIDES, collected[metrics.index(main)], paths)
+    first, second = map(_side_of, SIDES, sides, paths)
     left_out = sorted({task for run in runs for task in run.tasks} - {*tasks})
     lacking = [f"left out, because not every run has it: {task}" for task in left_out]
     notes = (*map(printable, lacking), *pairing.exploration_left_out(runs))
@@ -306,7 +306,7 @@ def _judge_metrics(collected: Sequence[SideValues]) -> tuple[MethodMetric, ...]:
     )
     metrics = []
     for sides, effect, p_adjusted in zip(collected, effects, adjusted, strict=True):
-        verdict = comparison.effect_in_words(effect, p_adjusted, METHODS)
+        verdict = comparison.effect_in_words(effect, p_adjusted, SIDES)
         to_decide = to_find = None
         if p_adjusted > ALPHA:
             to_decide = _seeds_needed(sides, ALPHA / undecided[effect.metric])
@@ -342,7 +342,7 @@ def answer_line(found: MethodComparison) -> str:
     """Say in one sentence what was found, and how many seeds would say more."""
     main, effect = found.main, found.main.effect
     values = (format_value(effect.metric, one) for one in (effect.first, effect.second))
-    in_both = ", ".join(map(" ".join, zip(METHODS, values, strict=True)))
+    in_both = ", ".join(map(" ".join, zip(SIDES, values, strict=True)))
     answer = f"{main.verdict}: {effect.task} {effect.metric} {in_both}"
     if main.p_adjusted > ALPHA and effect.differing:
         number = seeds_in_words(main.to_decide, found.trainings)
@@ -362,7 +362,7 @@ def method_blocks(found: MethodComparison) -> Iterator[tables.Block]:
     yield ""
     yield trainings_table(found.trainings, found.main.effect)
     rows = [(one, one.to_decide, one.to_find) for one in found.metrics]
-    yield from comparison.finding_tables(METHODS, rows, "Seeds to decide", f"Seeds for {LARGE:g}")
+    yield from comparison.verdict_tables(SIDES, rows, "Seeds to decide", f"Seeds for {LARGE:g}")
     yield ""
     yield tables.NoteBlock(
         "Brackets and p: of this row alone, two-sided; 95 % interval and Student's t over training "

@@ -146,7 +146,9 @@ class ColumnSpec:
 COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
     "learner": ColumnSpec("Learner", "column"),
-    "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
+    "training_steps": ColumnSpec(
+        "PlayedTraining", "column", "control steps", amount, is_text=False
+    ),
     "training_seeds": ColumnSpec("Trainings", "name", write=_seeds),
     "modalities": ColumnSpec("Modalities", "name"),
     "labels": ColumnSpec("Labels", "name"),
@@ -275,7 +277,7 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return [*ordered, *(row for row in rows if key not in row.figures)]
 
 
-Training = tuple[str, FreshDraw]
+PlayedTraining = tuple[str, FreshDraw]
 """The name of a row, and what one of its trainings was played with."""
 
 
@@ -299,12 +301,12 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     return copies
 
 
-def _same_episodes(runs: Mapping[Training, Run]) -> list[set[Training]]:
+def _same_episodes(runs: Mapping[PlayedTraining, Run]) -> list[set[PlayedTraining]]:
     """Return the pairs of trainings that share COPIED_SHARE of the smaller one's episodes.
 
     Episodes without a step are equal in every run and do not count.
     """
-    owners: dict[tuple[str, int, str], list[Training]] = {}
+    owners: dict[tuple[str, int, str], list[PlayedTraining]] = {}
     played = {one: [row for row in run.rows if row.steps] for one, run in runs.items()}
     for one, rows in played.items():
         for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
