@@ -146,9 +146,7 @@ class ColumnSpec:
 COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
     "learner": ColumnSpec("Learner", "column"),
-    "training_steps": ColumnSpec(
-        "PlayedTraining", "column", "control steps", amount, is_text=False
-    ),
+    "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
     "training_seeds": ColumnSpec("Trainings", "name", write=_seeds),
     "modalities": ColumnSpec("Modalities", "name"),
     "labels": ColumnSpec("Labels", "name"),

@@ -38,7 +38,7 @@ def test_a_true_run_is_verified_episode_by_episode_and_no_view_is_read_back(copy
         ("contact_force", None),
         (
             "start",
-            {"position": [0.5, 0, 0.1], "yaw": 0, "target": None, "end_effector": [0.5, 0, 0.1]},
+            {"position": [0.5, 0.0, 0.1], "yaw": 0.0, "target": None, "end_effector": [0.0] * 3},
         ),
         ("clipped_actions", 200),
         ("digest", "0" * 64),
