@@ -15,6 +15,7 @@ import pandas as pd
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, check_lock, default_output, finished_cells, read_design
+from experiments.played import played_rows
 from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
@@ -89,8 +90,14 @@ def write_results(design: Mapping[str, Any], directory: Path) -> None:
 
 
 def read_rows(directory: Path, name: str) -> pd.DataFrame:
-    """Read one of the CSV files of an experiment; NaN only in the curves."""
-    return pd.read_csv(directory / f"{name}.csv", keep_default_na=name == "curves")
+    """Read one of the CSV files of an experiment; NaN only in the curves.
+
+    Episodes and estimates that are not there are those of the leaderboard.
+    """
+    file = directory / f"{name}.csv"
+    if name in ("episodes", "estimates") and not file.exists():
+        return played_rows(directory)[name]
+    return pd.read_csv(file, keep_default_na=name == "curves")
 
 
 def analyze(design: Mapping[str, Any], directory: Path) -> Results:

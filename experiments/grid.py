@@ -160,10 +160,12 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     if asked and _is_asked(asked, cell):
         for name, more in reliance_rows(final, runs[0], asked).items():
             rows[name] = pd.concat([rows[name], more])
-    for frame in rows.values():
-        for column, value in reversed([*asdict(cell).items()]):
-            frame.insert(0, column, value)
-    return rows
+    return {name: with_key(frame, cell) for name, frame in rows.items()}
+
+
+def with_key(frame: pd.DataFrame, cell: Cell) -> pd.DataFrame:
+    """Return a cell's rows with ``KEY`` in front."""
+    return pd.concat([pd.DataFrame([asdict(cell)] * len(frame), frame.index), frame], axis=1)
 
 
 def _copy_exploration(cell: Cell, asked: Mapping[str, Any], place: Path) -> None:
@@ -191,21 +193,29 @@ def _recorded_design(place: Path) -> str:
 
 def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
     """Return a cell's rows of each CSV file, without its key."""
-    progress = pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
-    main = runs[0].header
-    training = {
-        "control_steps": progress["step"].iloc[-1],
-        "seconds": progress["seconds"].iloc[-1],
-        "final_policy": main.policy.digest,
-        "exploration_policy": _sha256(place / "exploration.safetensors"),
-        "run_digests": " ".join(run.digest for run in runs),
-        "design": _recorded_design(place),
-    }
+    played = [task_rows(run, run.plan.tasks[0]) for run in runs]
+    training = {**training_row(place), "run_digests": " ".join(run.digest for run in runs)}
     return {
-        "episodes": pd.concat([_episodes(run) for run in runs]),
-        "estimates": pd.DataFrame([row for run in runs for row in _estimates(run)]),
-        "curves": progress,
+        **{name: pd.concat([one[name] for one in played]) for name in ("episodes", "estimates")},
+        "curves": read_progress(place),
         "trainings": pd.DataFrame([training]),
+    }
+
+
+def read_progress(place: Path) -> pd.DataFrame:
+    """Read the curve of a training as it was written."""
+    return pd.read_csv(place / "progress.csv", dtype=str, keep_default_na=False)
+
+
+def training_row(place: Path) -> dict[str, str]:
+    """Return what is kept of a training: its length, its policies, its design."""
+    last = read_progress(place).iloc[-1]
+    return {
+        "control_steps": last["step"],
+        "seconds": last["seconds"],
+        "final_policy": _sha256(place / "final.safetensors"),
+        "exploration_policy": _sha256(place / "exploration.safetensors"),
+        "design": _recorded_design(place),
     }
 
 
@@ -213,24 +223,28 @@ def _sha256(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.exists() else ""
 
 
+def task_rows(run: mt.Run, task: str) -> dict[str, pd.DataFrame]:
+    """Return a run's rows of ``episodes`` and ``estimates`` in one task, without a cell's key."""
+    both = {"final": run.episodes, "exploration": run.exploration_episodes}
+    frame = pd.concat([rows.assign(role=role) for role, rows in both.items() if len(rows)])
+    frame = frame[frame["task"] == task].assign(**_where(run)).drop(columns=["task", "digest"])
+    first = ["suite", "conditions", "role", "index"]
+    return {
+        "episodes": frame[[*first, *frame.columns.drop(first)]],
+        "estimates": pd.DataFrame(_estimates(run, task)),
+    }
+
+
 def _where(run: mt.Run) -> dict[str, str]:
-    plan = run.header.plan
+    plan = run.plan
     return {"suite": plan.suite, "conditions": ", ".join(plan.conditions.in_words())}
 
 
-def _episodes(run: mt.Run) -> pd.DataFrame:
-    both = {"final": run.episodes, "exploration": run.exploration_episodes}
-    frame = pd.concat([rows.assign(role=role) for role, rows in both.items() if len(rows)])
-    frame = frame.assign(**_where(run)).drop(columns=["task", "digest"])
-    first = ["suite", "conditions", "role", "index"]
-    return frame[[*first, *frame.columns.drop(first)]]
-
-
-def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
-    """Yield the estimates of a run, unchanged; also those of both splits and of their gap."""
-    summary = run.summary
-    named = [*summary.tasks[0].estimates.items()]
-    for gaps in (result.gaps for result in summary.generalization):
+def _estimates(run: mt.Run, task: str) -> Iterator[dict[str, Any]]:
+    """Yield the estimates of a task, unchanged; also those of both splits and of their gap."""
+    (result,) = (one for one in run.summary.tasks if one.task == task)
+    named = [*result.estimates.items()]
+    for gaps in (one.gaps for one in run.summary.generalization if one.task == task):
         for metric, gap in gaps.items():
             named += [
                 (f"{metric}, held-out", gap.held_out),
@@ -251,15 +265,14 @@ def _estimates(run: mt.Run) -> Iterator[dict[str, Any]]:
 
 def add_rows(output: Path, cell: Cell, rows: Mapping[str, pd.DataFrame]) -> None:
     """Add a cell's rows to the CSV files; rows that it has there already are replaced."""
-    for name in FILES:
-        file = output / f"{name}.csv"
-        frame = rows[name]
+    for name, frame in rows.items():
+        file, parts = output / f"{name}.csv", [frame]
         if file.exists():
             before = pd.read_csv(file, keep_default_na=False, dtype=str)
             is_other = (before[KEY] != [str(value) for value in asdict(cell).values()]).any(axis=1)
-            frame = pd.concat([before[is_other], frame])
+            parts.insert(0, before[is_other])
         temporary = file.with_suffix(".tmp")
-        frame.to_csv(temporary, index=False)
+        pd.concat(parts).to_csv(temporary, index=False)
         temporary.replace(file)
 
 

@@ -1,0 +1,67 @@
+"""The rows of a study whose policies were played as rows of the leaderboard.
+
+``python -m experiments.played STUDY TRAINING...`` adds finished trainings to ``curves.csv`` and
+``trainings.csv`` of a study's folder. What their policies did is read from the leaderboard's
+results, where each method of the study is a submission of the same name.
+"""
+
+import argparse
+import sys
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+
+import pandas as pd
+
+import minitouch_bench as mt
+from experiments.grid import Cell, add_rows, read_progress, task_rows, training_row, with_key
+from minitouch_bench.files import RESULTS
+from minitouch_bench.policies.sources import directory_digest
+
+SUITES = ("table4", "novel-shapes")
+
+
+def collect(training: Path, study: Path) -> None:
+    """Add the curve and the policies of a finished training to the CSV files of a study."""
+    config = tomllib.loads((training / "config.toml").read_text(encoding="utf-8"))
+    cell = Cell(config["task"], config["method"], config["seed"], config["exploration"]["steps"])
+    rows = {"curves": read_progress(training), "trainings": pd.DataFrame([training_row(training)])}
+    add_rows(study, cell, {name: with_key(frame, cell) for name, frame in rows.items()})
+
+
+@lru_cache(maxsize=1)
+def played_rows(study: Path, results: Path = RESULTS) -> dict[str, pd.DataFrame]:
+    """Return the rows of ``episodes`` and ``estimates`` of a study's trainings.
+
+    Raises:
+        SystemExit: a row was played with other policies than those of the study.
+    """
+    rows: dict[str, list[pd.DataFrame]] = {"episodes": [], "estimates": []}
+    trainings = pd.read_csv(study / "trainings.csv", keep_default_na=False)
+    for (method, seed), of_seed in trainings.groupby(["method", "training_seed"], sort=False):
+        policies = zip(of_seed["task"] + ".safetensors", of_seed["final_policy"], strict=True)
+        digest = directory_digest(policies)
+        places = [results / str(method) / f"seed-{seed}" / suite for suite in SUITES]
+        for run in (mt.load_run(place) for place in places if place.is_dir()):
+            if run.header.policy.digest != digest:
+                sys.exit(f"{run.directory} was played with other policies than those of {study}")
+            for row in of_seed.itertuples():
+                cell = Cell(row.task, row.method, row.training_seed, row.exploration_steps)
+                if cell.task in run.plan.tasks:
+                    for name, frame in task_rows(run, cell.task).items():
+                        rows[name].append(with_key(frame, cell))
+    return {name: pd.concat(frames) for name, frames in rows.items()}
+
+
+def main() -> None:
+    """Add finished trainings to a study."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.played", description=__doc__)
+    parser.add_argument("study", type=Path)
+    parser.add_argument("trainings", type=Path, nargs="+")
+    given = parser.parse_args()
+    for training in given.trainings:
+        collect(training, given.study)
+
+
+if __name__ == "__main__":
+    main()

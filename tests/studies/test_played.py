@@ -1,0 +1,48 @@
+"""Rows of a study that come from the leaderboard's results."""
+
+import pandas as pd
+import pytest
+
+import minitouch_bench as mt
+from experiments.grid import KEY
+from experiments.played import collect, played_rows
+
+SETTINGS = {"random_steps": 40, "evaluate_every": 0, "sac": {"batch_size": 8}}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Return a study with one collected training, and its policy played as a row of ``hac``."""
+    folder = tmp_path_factory.mktemp("played")
+    training = mt.train(
+        "opening", "hac", seed=3, exploration_steps=45, task_steps=0, settings=SETTINGS,
+        output=folder / "training",
+    )  # fmt: skip
+    study, policy, row = (folder / name for name in ("study", "policy", "results/hac/seed-3"))
+    study.mkdir()
+    policy.mkdir()
+    collect(training, study)
+    (policy / "opening.safetensors").write_bytes((training / "final.safetensors").read_bytes())
+    run = mt.evaluate(str(policy), tasks=["opening"], episodes=2, output=row / "table4", workers=1)
+    return study, run
+
+
+def test_rows_are_those_of_the_played_run(trained):
+    study, run = trained
+    rows = played_rows(study, run.directory.parents[2])
+    assert rows["episodes"][KEY].drop_duplicates().to_numpy().tolist() == [
+        ["opening", "hac", 3, 45]
+    ]
+    assert rows["episodes"]["success"].tolist() == run.episodes["success"].tolist()
+    success = rows["estimates"].set_index("metric").loc["success"]
+    assert success["value"] == run["opening"].success.value
+    assert success["episodes"] == 2
+
+
+def test_a_row_of_another_policy_is_not_taken_for_the_training_s(trained):
+    study, run = trained
+    file = study / "trainings.csv"
+    file.write_text(file.read_text().replace(pd.read_csv(file)["final_policy"][0], "0" * 64))
+    played_rows.cache_clear()
+    with pytest.raises(SystemExit, match="other policies"):
+        played_rows(study, run.directory.parents[2])
