@@ -331,9 +331,9 @@ def verdict_tables(
     )  # fmt: skip
     rows: list[tuple[Effect, *tuple[str | None, ...]]] = []
     for one, *numbers in found:
-        p_values = p_text(one.effect.p_value), p_text(one.p_adjusted)
-        written = (f"{number:,}" if number else None for number in numbers)
-        rows.append((one.effect, *p_values, one.verdict, *written))
+        p_value, p_adjusted = p_text(one.effect.p_value), p_text(one.p_adjusted)
+        written = tuple(f"{number:,}" if number else None for number in numbers)
+        rows.append((one.effect, p_value, p_adjusted, one.verdict, *written))
     return tuple(tables_by_metric(columns, rows))
 
 

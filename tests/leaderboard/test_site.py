@@ -14,6 +14,7 @@ from tests.leaderboard.browser import Browser
 from tests.leaderboard.synthetic import ABOUT, NOON, make_row, make_submission
 from tests.reporting.html_page import Page
 
+HOSTILE = "</script><script>alert(1)</script>\u202e=cmd()"
 ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 
@@ -25,7 +26,9 @@ def board(tmp_path_factory) -> Path:
     vision = replace(ABOUT, method="Vision alone", modalities=("vision",), training_steps=10**7)
     both = ("table4", "novel-shapes")
     own = b"weights of the best"
-    make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tests.leaderboard.synthetic.FAULT", HOSTILE)
+        make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
     make_row(root, "touch", 0.6, about=replace(touch, learner="PPO"))
     make_row(root, "vision", 0.3, about=vision)
     make_row(root, "seeds", 0.75, seeds=(0, 1))
@@ -150,15 +153,16 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
     assert "unsafe" not in policy
 
 
-def test_a_page_tells_the_limits_and_faults_of_a_row_and_every_board_what_waits(board):
+def test_a_page_tells_limits_and_faults_as_text_and_every_board_what_waits(board):
     page, seeds = ((board / "submission" / f"{one}.html").read_text() for one in ("hac", "seeds"))
     for text in (
         "Episode variance only (one training seed)",
-        "the action contains NaN or infinity",
+        "&lt;/script&gt;&lt;script&gt;alert(1)",
         "evaluate submissions/hac/seed-0",
         "Fresh episodes",
     ):
         assert text in page
+    assert not any(text in page for text in ("<script>alert", "\u202e"))
     assert ("By training seed" in page, "By training seed" in seeds) == (False, True)
     for name in ("leaderboard.md", "index.html"):
         text = (board / name).read_text().replace("\\", "")
@@ -185,18 +189,6 @@ def test_every_rank_is_explained(board):
         assert ("Significantly worse than" in line) == any(name == other for _, other in found)
         page = (board / "submission" / f"{name}.html").read_text().replace("\u00a0", " ")
         assert line.replace("\\<", "&lt;") in page
-
-
-def test_hostile_texts_of_a_fault_are_only_text(tmp_path, monkeypatch):
-    hostile = "</script><script>alert(1)</script>\u202e=cmd()"
-    monkeypatch.setattr("tests.leaderboard.synthetic.FAULT", hostile)
-    make_row(tmp_path, "hac", faults=1)
-    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
-    page = (tmp_path / "board" / "submission" / "hac.html").read_text()
-    assert Page(page).open == []
-    assert "<script>alert" not in page
-    assert "\u202e" not in page
-    assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
 
 
 def test_pages_of_an_earlier_board_are_removed_and_nothing_else(tmp_path):
