@@ -309,12 +309,12 @@ def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
 
 
 def tables_by_metric(
-    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, *tuple[str | None, ...]]]
+    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, Sequence[str | None]]]
 ) -> Iterator[tables.Table]:
     """Yield a table for each metric, in the metrics' order, from effects and more cells."""
-    heads = {effect_head(effect): effect.metric for effect, *_ in rows}
+    heads = {effect_head(effect): effect.metric for effect, _ in rows}
     for head in sorted(heads, key=lambda head: pairing.COMPARED_METRICS.index(heads[head])):
-        of_head = tuple(effect_row(*row) for row in rows if effect_head(row[0]) == head)
+        of_head = tuple(effect_row(one, *cells) for one, cells in rows if effect_head(one) == head)
         yield tables.Table(head, ("Task",), columns, of_head)
 
 
@@ -329,11 +329,11 @@ def verdict_tables(
         first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", *labels,
         words=["Verdict"],
     )  # fmt: skip
-    rows: list[tuple[Effect, *tuple[str | None, ...]]] = []
+    rows = []
     for one, *numbers in found:
-        p_value, p_adjusted = p_text(one.effect.p_value), p_text(one.p_adjusted)
-        written = tuple(f"{number:,}" if number else None for number in numbers)
-        rows.append((one.effect, p_value, p_adjusted, one.verdict, *written))
+        written = (f"{number:,}" if number else None for number in numbers)
+        cells = p_text(one.effect.p_value), p_text(one.p_adjusted), one.verdict, *written
+        rows.append((one.effect, cells))
     return tuple(tables_by_metric(columns, rows))
 
 

@@ -152,7 +152,7 @@ def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
         if metric.p_adjusted is not None:
             p_value = p_text(metric.p_adjusted)
             verdict = "worse" if metric.is_worse else "not significant alone"
-        rows.append((metric.effect, p_value, verdict))
+        rows.append((metric.effect, (p_value, verdict)))
     columns = tables.make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
     return tuple(tables_by_metric(columns, rows))
 
