@@ -8,7 +8,7 @@ methods is better, by the same differences and intervals.
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -64,6 +64,15 @@ def pair_trainings(sides: Sides, titles: Sequence[str]) -> tuple[list[pairing.Pa
     runs = pairing.share_roles([*sides[0], *sides[1]])
     pairs = [pairing.pair_runs(runs[0], run) for run in runs]
     return pairs[: len(sides[0])], pairs[len(sides[0]) :]
+
+
+def _by_metric(
+    paired: Sequence[Sequence[pairing.Pairs]],
+    collect: Callable[[pairing.Pairs], Sequence[PairedValues]],
+) -> list[SideValues]:
+    """Return each metric of each task that is collected from the pairs of every run."""
+    sides = [zip(*map(collect, side), strict=True) for side in paired]
+    return [*zip(*sides, strict=True)]
 
 
 def _side_of(title: str, side: Sequence[Run], paths: Sequence[str]) -> ComparedRun:
@@ -184,10 +193,8 @@ def judge_trainings(
             decision=gate.Decision.NOT_ENOUGH_SEEDS,
             seeds_needed=_seeds_to_settle(deciding, endpoint, settings.alpha),
         )
-    by_metric = [
-        zip(*(gate.task_values(pairs, tasks) for pairs in side), strict=True) for side in paired
-    ]
-    effects = [compare_trainings(both) for both in zip(*by_metric, strict=True)]
+    by_metric = _by_metric(paired, lambda pairs: gate.task_values(pairs, tasks))
+    effects = [compare_trainings(both) for both in by_metric]
     baseline, candidate = map(_side_of, GATE_SIDES, sides, paths)
     shown = (printable(path) for places in paths for path in places)
     return gate.GateResult(
@@ -274,11 +281,7 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
     kept = comparison.shared_tasks(runs)
     tasks = tasks_in_order(kept[:1])
     paired = pair_trainings((kept[: len(sides[0])], kept[len(sides[0]) :]), SIDES)
-    by_metric = [
-        zip(*(pairing.collect_values(pairs, tasks) for pairs in side), strict=True)
-        for side in paired
-    ]
-    collected = [*zip(*by_metric, strict=True)]
+    collected = _by_metric(paired, lambda pairs: pairing.collect_values(pairs, tasks))
     if (episodes := min(len(values[0][0].first) for values in collected)) < FEWEST_FOR_A_MEAN:
         raise UsageError(
             f"methods are compared by {FEWEST_FOR_A_MEAN} episodes of each task or more, not by "
