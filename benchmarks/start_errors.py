@@ -75,8 +75,8 @@ def draw_report(
 
 
 def _members(rows: Sequence[Episode], words: str) -> NDArray[np.bool_]:
-    (found,) = [one for one in start_bins(PUSHING.name, rows) if words in one.words]
-    return found.members
+    (members,) = [found for name, found in start_bins(PUSHING.name, rows) if words in name]
+    return members
 
 
 def simulate(

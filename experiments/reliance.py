@@ -13,9 +13,8 @@ import minitouch_bench as mt
 from minitouch_bench.episode import EpisodeSpec, Observation, PlayedEpisode, Role
 from minitouch_bench.evaluation.engine import LocalEngine
 from minitouch_bench.evaluation.rollout import WorldOf
-from minitouch_bench.metrics.frames import episodes_frame
 from minitouch_bench.metrics.intervals import wilson
-from minitouch_bench.metrics.summary import measure
+from minitouch_bench.metrics.summary import episodes_frame, measure
 from minitouch_bench.policies.policy import Policy, PolicySource, load_policy
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.runs.plan import Plan

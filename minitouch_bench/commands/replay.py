@@ -89,8 +89,7 @@ def _replay_both(first: "Run", second: "Run", episode: str, output: Path) -> Non
 
     filming.refuse_other_scene(episode, first, second)
     one, other = (filming.replay_episode(run, episode) for run in (first, second))
-    page = episode_page(one.run, one.film, is_as_recorded=one.is_as_recorded, beside=other)
-    print(page.save(output))
+    print(episode_page(one, other).save(output))
     for played in (one, other):
         bits = "the same bits" if played.is_as_recorded else "NOT the bits"
         note(f"{played.run.place}: {played.ending}; {bits} as recorded")

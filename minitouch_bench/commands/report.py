@@ -63,14 +63,14 @@ def report(
     ] = False,
 ) -> None:
     """Show finished runs beside each other in Table 4, and write report.html."""
-    from minitouch_bench.reporting import paper_figure
+    from minitouch_bench.reporting import figures
     from minitouch_bench.reporting import report as reporting
     from minitouch_bench.runs.run import read_run
 
     if table_format is not None and output is not None:
         raise UsageError("--format prints Table 4 and writes no page: leave --output out")
     if figure is not None:
-        paper_figure.figure_suffix(figure)
+        figures.check_figure(figure)
     opened = [read_run(run) for run in runs]
     first, is_single = opened[0].directory or Path(), len(opened) == 1
     usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
@@ -91,7 +91,8 @@ def report(
         with_paper=not no_paper,
     )
     if figure is not None:
-        paper_figure.write_figure(shown, shown.metrics if metrics else (), figure)
+        chosen = shown.metrics if metrics else ()
+        figures.write_figure(shown.sections, shown.tasks, chosen, figure)
         note(f"figure: {figure}")
     if table_format is not None:
         print(reporting.TABLE_FORMATS[table_format](shown), end="")

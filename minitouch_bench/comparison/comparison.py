@@ -17,7 +17,6 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
 from minitouch_bench.reporting import pages, tables
-from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import (
     difference_cell,
     format_value,
@@ -121,8 +120,8 @@ class Comparison:
     def __str__(self) -> str:
         return tables.as_text(comparison_blocks(self))
 
-    def _repr_html_(self) -> str:
-        return tables.as_html(comparison_blocks(self))
+    def _repr_markdown_(self) -> str:
+        return "\n".join(tables.as_markdown(comparison_blocks(self)))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -292,7 +291,6 @@ def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
         scripts=("theme.js",),
         comparison=comparison,
         views=views,
-        tones=tuple(series_tone(index) for index in range(len(runs))),
         not_alike=NOT_ALIKE,
         notes=comparison_notes(),
     )

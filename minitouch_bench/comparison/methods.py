@@ -258,8 +258,8 @@ class MethodComparison:
     def __str__(self) -> str:
         return tables.as_text(method_blocks(self))
 
-    def _repr_html_(self) -> str:
-        return tables.as_html(method_blocks(self))
+    def _repr_markdown_(self) -> str:
+        return "\n".join(tables.as_markdown(method_blocks(self)))
 
 
 def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodComparison:

@@ -60,7 +60,7 @@ RANKED_BY: Mapping[str, str] = {
 """What ranks the rows, by the key of the table: each is a family of tests of its own."""
 
 BOARD_METRICS = tuple(
-    name for name, metric in METRICS.items() if metric.shown_in & {ShownIn.TABLE4, ShownIn.BOARD}
+    name for name, metric in METRICS.items() if metric.shown_in & (ShownIn.TABLE4 | ShownIn.BOARD)
 )
 """The metrics that a board shows, in each task that has them."""
 

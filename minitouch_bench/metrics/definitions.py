@@ -11,7 +11,7 @@ measured in each episode, it also needs a field of ``episode.Episode``, which ma
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
-from enum import StrEnum
+from enum import Flag, auto
 from typing import Any
 
 import numpy as np
@@ -26,23 +26,26 @@ UP = "↑"
 DOWN = "↓"
 NO_DIRECTION = ""
 
+FORCES = PROTOCOL.observation.forces
+
 CONTROL_STEPS = "control steps"
 """Unit of the metrics that no episode can have more of than its task has steps."""
 
 
-class ShownIn(StrEnum):
+class ShownIn(Flag):
     """Where a metric is shown, beside ``run.json``, which has them all."""
 
-    TABLE4 = "table4"
+    NOWHERE = 0
+    TABLE4 = auto()
     """A row of Table 4, and of the leaderboard's table of each task."""
 
-    DIAGNOSTICS = "diagnostics"
+    DIAGNOSTICS = auto()
     """A column of the diagnostics below Table 4."""
 
-    BOARD = "board"
+    BOARD = auto()
     """A column of the leaderboard's table of touch."""
 
-    NOVEL_SHAPES = "novel-shapes"
+    NOVEL_SHAPES = auto()
     """A row of the gaps between held-out and train shapes."""
 
 
@@ -85,7 +88,7 @@ class Metric:
     role: Role = Role.FINAL
     needs_goal: bool = False
     added_later: bool = False
-    shown_in: frozenset[ShownIn] = frozenset()
+    shown_in: ShownIn = ShownIn.NOWHERE
     task_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     task_directions: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
@@ -144,28 +147,13 @@ PLAYING_UP = {task.name: UP for task in PROTOCOL.tasks if not task.has_goal}
 """Better direction of touch: where a task has a goal, touching more is not better."""
 
 
-def _touch_variance(record: PlayedEpisode) -> float:
-    return float(_axis_variances(record.trace.touch[:, PROTOCOL.observation.forces]).mean())
-
-
-def _contact_forces(record: PlayedEpisode) -> NDArray[np.float64]:
-    """Return the larger finger force of each control step with contact, N."""
+def _contact_force(
+    record: PlayedEpisode, condense: Callable[[NDArray[np.float64]], Any]
+) -> float | None:
+    """Condense the larger finger force (N) of the control steps with contact to one value."""
     touched = record.trace.contact_ticks > 0
-    return record.trace.finger_force()[touched].astype(np.float64)
-
-
-def _peak_force(record: PlayedEpisode) -> float | None:
-    forces = _contact_forces(record)
-    return float(forces.max()) if len(forces) else None
-
-
-def _contact_force(record: PlayedEpisode) -> float | None:
-    forces = _contact_forces(record)
-    return float(forces.mean()) if len(forces) else None
-
-
-def _object_movement(record: PlayedEpisode) -> float:
-    return float(_axis_variances(record.trace.object_state).sum())
+    forces = record.trace.finger_force()[touched].astype(np.float64)
+    return float(condense(forces)) if len(forces) else None
 
 
 def _first_touch_tick(record: PlayedEpisode) -> int | None:
@@ -176,10 +164,6 @@ def _first_touch_tick(record: PlayedEpisode) -> int | None:
 def _time_to_first_touch(episode: Episode) -> float | None:
     tick = episode.first_touch_tick
     return None if tick is None else tick / PROTOCOL.physics.tick_rate
-
-
-def _touched(episode: Episode) -> bool:
-    return episode.touch_interaction > 0
 
 
 def _counted_steps(episode: Episode) -> int:
@@ -199,8 +183,7 @@ def _touch_share(episode: Episode) -> float:
 
 def _axis_variances(samples: NDArray[Any]) -> NDArray[np.float64]:
     """Return the population variance of each column of (N, D) samples, float64 (D,)."""
-    some = samples if len(samples) else np.zeros((1, samples.shape[1]))
-    variances: NDArray[np.float64] = np.var(some.astype(np.float64), axis=0)
+    variances: NDArray[np.float64] = np.var(samples.astype(np.float64), axis=0)
     return variances
 
 
@@ -210,28 +193,25 @@ _TABLE = (
         "exploration", "Exploration", "share of episodes", "T", ".3f",
         "episodes that succeed after training on intrinsic reward alone",
         direction=UP, statistic=SHARE, role=Role.EXPLORATION, needs_goal=True,
-        derive=lambda episode: episode.success, shown_in=frozenset({ShownIn.TABLE4}),
+        derive=lambda episode: episode.success, shown_in=ShownIn.TABLE4,
     ),
     Metric(
         "success", "Success", "share of episodes", "T", ".3f", "episodes that succeed",
         direction=UP, statistic=SHARE, needs_goal=True, column="success",
-        derive=lambda episode: episode.success,
-        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+        derive=lambda episode: episode.success, shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
     ),
     Metric(
         "episode_steps", "Episode steps", CONTROL_STEPS, "T", ".1f",
         "length of an episode, failures included; with a policy fault, the step limit",
         direction=DOWN, needs_goal=True, column="steps", field="steps",
-        measure=lambda record: len(record.trace.actions),
-        derive=_counted_steps,
-        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+        measure=lambda record: len(record.trace.actions), derive=_counted_steps,
+        shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
     ),
     Metric(
         "steps_to_success", "Steps to success", CONTROL_STEPS, "D", ".1f",
-        "length of an episode that succeeds",
-        direction=DOWN, needs_goal=True,
+        "length of an episode that succeeds", direction=DOWN, needs_goal=True,
         derive=lambda episode: episode.steps if episode.success else None,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
+        shown_in=ShownIn.DIAGNOSTICS,
     ),
     Metric(
         "return", "Return", "reward", "T", ".2f", "sum of the task's rewards",
@@ -243,22 +223,23 @@ _TABLE = (
         "physics ticks with a finger in contact with the object",
         task_directions=PLAYING_UP, column="touch_interaction",
         measure=lambda record: int(record.trace.contact_ticks.sum(dtype=np.int64)),
-        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+        shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
     ),
     Metric(
         "touch_share", "Touch share", "share of control steps", "T", ".3f",
         "share of an episode's control steps with contact",
         task_directions=PLAYING_UP, column="touch_share", derive=_touch_share,
-        shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+        shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
     ),
     Metric(
         "touched", "Touched", "share of episodes", "D", ".3f", "episodes with any contact",
-        statistic=SHARE, derive=_touched, shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        statistic=SHARE, derive=lambda episode: episode.touch_interaction > 0,
+        shown_in=ShownIn.DIAGNOSTICS | ShownIn.BOARD,
     ),
     Metric(
         "touch_onsets", "Touch onsets", "contacts", "D", ".1f", "contacts begun",
         column="touch_onsets", measure=lambda record: int(record.trace.onsets.sum(dtype=np.int64)),
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        shown_in=ShownIn.DIAGNOSTICS | ShownIn.BOARD,
     ),
     Metric(
         "touch_steps", "Touch steps", CONTROL_STEPS, "D", ".1f", "control steps with contact",
@@ -268,47 +249,47 @@ _TABLE = (
     Metric(
         "touch_variance", "Touch variance", "N²", "R", ".3g",
         "variance of the finger forces over the episode",
-        column="touch_variance", measure=_touch_variance,
+        column="touch_variance",
+        measure=lambda record: float(_axis_variances(record.trace.touch[:, FORCES]).mean()),
     ),
     Metric(
         "peak_force", "Peak force", "N", "D", ".1f",
         "largest finger force of the control steps with contact, episodes that touched",
-        column="peak_force", measure=_peak_force,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        column="peak_force", measure=lambda record: _contact_force(record, np.max),
+        shown_in=ShownIn.DIAGNOSTICS | ShownIn.BOARD,
     ),
     Metric(
         "contact_force", "Contact force", "N", "D", ".1f",
         "mean finger force of the control steps with contact, episodes that touched",
-        column="contact_force", measure=_contact_force,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        column="contact_force", measure=lambda record: _contact_force(record, np.mean),
+        shown_in=ShownIn.DIAGNOSTICS | ShownIn.BOARD,
     ),
     Metric(
         "object_movement", "Object movement", "m²", "T", ".1e",
         "variance of the object's position, or of the door's angle, over the episode",
         task_units={task.name: task.movement_unit for task in PROTOCOL.tasks},
-        column="object_movement", measure=_object_movement,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.NOVEL_SHAPES}),
+        column="object_movement",
+        measure=lambda record: float(_axis_variances(record.trace.object_state).sum()),
+        shown_in=ShownIn.DIAGNOSTICS | ShownIn.NOVEL_SHAPES,
     ),
     Metric(
         "time_to_first_touch", "First touch", "s", "D", ".2f",
         "simulated time to the first contact, episodes that touched",
         column="time_to_first_touch", field="first_touch_tick", measure=_first_touch_tick,
-        derive=_time_to_first_touch,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS, ShownIn.BOARD}),
+        derive=_time_to_first_touch, shown_in=ShownIn.DIAGNOSTICS | ShownIn.BOARD,
     ),
     Metric(
         "arm_time", "Arm time", "s", "D", ".2f", "simulated time of an episode",
         column="arm_time", field="ticks",
         measure=lambda record: int(record.trace.ticks.sum(dtype=np.int64)),
         derive=lambda episode: episode.ticks / PROTOCOL.physics.tick_rate,
-        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
+        shown_in=ShownIn.DIAGNOSTICS,
     ),
     Metric(
         "clipped_actions", "Clipped actions", CONTROL_STEPS, "D", ".1f",
-        "actions beyond -1 to 1, which are clipped",
-        column="clipped_actions",
+        "actions beyond -1 to 1, which are clipped", column="clipped_actions",
         measure=lambda record: int(np.count_nonzero(record.trace.clipped)),
-        shown_in=frozenset({ShownIn.DIAGNOSTICS}),
+        shown_in=ShownIn.DIAGNOSTICS,
     ),
 )
 # fmt: on

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode
-from minitouch_bench.metrics.intervals import DRAWS_PER_BLOCK, Floats, stream
+from minitouch_bench.metrics.intervals import Floats, stream
 from minitouch_bench.metrics.statistics import ALPHA, holm
 from minitouch_bench.protocol.minitouch import OPENING
 from minitouch_bench.text import printable
@@ -29,12 +29,8 @@ DIRECTIONS = (
 """Where an object lies, seen from the robot, counterclockwise from straight ahead (x)."""
 
 
-@dataclass(frozen=True)
-class StartBin:
-    """Scenes that begin alike: ``words`` completes "where ..."; ``members`` bool (N,)."""
-
-    words: str
-    members: NDArray[np.bool_]
+Members = NDArray[np.bool_]
+"""Which scenes belong to a bin, bool (N,)."""
 
 
 @dataclass(frozen=True)
@@ -89,42 +85,27 @@ def _test_group(task: str, episodes: Sequence[Episode]) -> StartTest:
     if len(by_scene) < 2 * FEWEST_SCENES or np.ptp(success) == 0.0:
         return untested
     bins = [
-        one
-        for one in start_bins(task, [group[0] for group in by_scene.values()])
-        if FEWEST_SCENES <= one.members.sum() <= len(by_scene) - FEWEST_SCENES
+        (words, members)
+        for words, members in start_bins(task, [group[0] for group in by_scene.values()])
+        if FEWEST_SCENES <= members.sum() <= len(by_scene) - FEWEST_SCENES
     ]
     if not bins:
         return untested
-    members = np.array([one.members for one in bins], np.float64)
+    members = np.array([chosen for _, chosen in bins], np.float64)
     observed = _differences(success[None], members)[0]
     # Each group draws its own permutations: shared ones would give all groups the same error.
     rng = stream((), task, "starts", success.tobytes().hex())
-    as_large = sum(
-        int(np.count_nonzero(_differences(block, members).max(axis=1) >= observed.max() - 1e-9))
-        for block in _permuted(success, rng)
-    )
-    worst = bins[int(observed.argmax())]
-    inside, outside = (
-        (int(won[chosen].sum()), int(played[chosen].sum()))
-        for chosen in (worst.members, ~worst.members)
-    )
-    p_value = (1 + as_large) / (1 + PERMUTATIONS)
+    permuted = rng.permuted(np.tile(success, (PERMUTATIONS, 1)), axis=1)
+    as_large = _differences(permuted, members).max(axis=1) >= observed.max() - 1e-9
+    where, chosen = bins[int(observed.argmax())]
     return replace(
         untested,
         bins=len(bins),
-        p_value=p_value,
-        where=worst.words,
-        inside=inside,
-        outside=outside,
+        p_value=(1 + int(as_large.sum())) / (1 + PERMUTATIONS),
+        where=where,
+        inside=(int(won[chosen].sum()), int(played[chosen].sum())),
+        outside=(int(won[~chosen].sum()), int(played[~chosen].sum())),
     )
-
-
-def _permuted(values: Floats, rng: np.random.Generator) -> Iterator[Floats]:
-    """Yield PERMUTATIONS of the values in blocks, float64 (B, N)."""
-    size = max(1, DRAWS_PER_BLOCK // len(values))
-    for first in range(0, PERMUTATIONS, size):
-        rows = min(size, PERMUTATIONS - first)
-        yield rng.permuted(np.broadcast_to(values, (rows, len(values))), axis=1)
 
 
 def _differences(values: Floats, members: Floats) -> Floats:
@@ -142,8 +123,10 @@ def _differences(values: Floats, members: Floats) -> Floats:
 # Bins
 
 
-def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[StartBin]:
+def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[tuple[str, Members]]:
     """Yield the bins of a task: of its distances, directions, yaws, and families of shapes.
+
+    A bin has words, which complete "where ...", and its members.
 
     Distance and direction are the object's from its target, otherwise from the end effector.
     """
@@ -159,21 +142,21 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[StartBin]:
     yield from _parts(np.hypot(*away.T), DISTANCES, f"the object lies {{}} to {{}} cm from {other}")
     ahead = np.round(np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi) * SECTORS) % SECTORS
     for sector, words in enumerate(DIRECTIONS):
-        yield StartBin(f"the object lies {words} {other}", ahead == sector)
+        yield f"the object lies {words} {other}", ahead == sector
     yaws = np.degrees([start.yaw for start in starts]) % 360
     width = 360 // SECTORS
     for low in range(0, 360, width) if np.ptp(yaws) > 0 else ():
         words = f"the object is turned by {low} to {low + width}°"
-        yield StartBin(words, (yaws >= low) & (yaws < low + width))
+        yield words, (yaws >= low) & (yaws < low + width)
     families = np.array([scene.family for scene in scenes])
     for family in sorted(set(families.tolist())):
-        yield StartBin(f"the shape is of the family {printable(family)}", families == family)
+        yield f"the shape is of the family {printable(family)}", families == family
 
 
-def _parts(values: Floats, number: int, words: str) -> Iterator[StartBin]:
+def _parts(values: Floats, number: int, words: str) -> Iterator[tuple[str, Members]]:
     """Yield bins of about equally many scenes; ``words`` takes their ends, in cm of m."""
     edges = np.quantile(values, np.linspace(0, 1, number + 1))
     part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
     for index, (low, high) in enumerate(pairwise(edges)):
         ends = (f"{100 * low:.1f}", f"{100 * high:.1f}")
-        yield StartBin(words.format(*ends), part == index)
+        yield words.format(*ends), part == index

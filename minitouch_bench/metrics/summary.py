@@ -1,7 +1,11 @@
-"""The metrics of each episode, and from them the estimates of a run: by task, and by split."""
+"""The metrics of each episode, and from them the estimates of a run: by task, and by split.
 
+Both are data frames too.
+"""
+
+import html
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,6 +23,7 @@ from minitouch_bench.metrics.definitions import (
 )
 from minitouch_bench.metrics.intervals import Estimate, Root, stream
 from minitouch_bench.protocol.spec import Split
+from minitouch_bench.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,33 +75,28 @@ class TaskResult:
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a row per metric: label, unit, value, low and high (95 %), count, method."""
-        from minitouch_bench.metrics.frames import estimates_frame  # noqa: PLC0415  pandas
+        import pandas as pd  # noqa: PLC0415  takes half a second
 
-        return estimates_frame(self)
+        rows = {
+            name: {"label": METRICS[name].label, "unit": METRICS[name].unit_in(self.task)}
+            | vars(estimate)
+            for name, estimate in self.estimates.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     def __str__(self) -> str:
-        rows = [
-            (
-                f"{METRICS[name].label} {METRICS[name].direction_in(self.task)}".strip(),
-                str(estimate),
-                METRICS[name].unit_in(self.task),
-            )
-            for name, estimate in self.estimates.items()
-        ]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-        return "\n".join([self.task.capitalize(), *lines])
+        lines = [self.task.capitalize()]
+        for name, estimate in self.estimates.items():
+            metric = METRICS[name]
+            head = f"{metric.label} {metric.direction_in(self.task)}"
+            lines.append(f"{head:19}  {estimate!s:32}  {metric.unit_in(self.task)}")
+        return "\n".join(lines)
 
     def __repr__(self) -> str:
-        shown = (
-            f"{name} {self.estimates[name]}" for name in TABLE4_METRICS if name in self.estimates
-        )
-        return f"<TaskResult of {self.task}: {', '.join(shown)}>"
+        return f"<TaskResult of {self.task}: {', '.join(self.estimates)}>"
 
     def _repr_html_(self) -> str:
-        from minitouch_bench.metrics.frames import results_html  # noqa: PLC0415  pandas
-
-        return results_html(self.task.capitalize(), [self], METRICS)
+        return self.to_frame().to_html(border=0)
 
     def __getattr__(self, name: str) -> Estimate:
         estimates: Mapping[str, Estimate] = self.__dict__.get("estimates", {})
@@ -192,18 +192,15 @@ def summarize(
             Role.FINAL: [episode for episode in episodes if episode.task == task],
             Role.EXPLORATION: [episode for episode in exploration if episode.task == task],
         }
-        estimates = {
-            name: metric.estimate(by_role[metric.role], stream(root, task, name))
-            for name, metric in METRICS.items()
-            if metric.is_in(task)
-        }
-        outcomes = Counter(episode.outcome for episode in by_role[Role.FINAL])
+        estimates = {}
+        for name, metric in METRICS.items():
+            if metric.is_in(task):
+                found = metric.estimate(by_role[metric.role], stream(root, task, name))
+                if found is not None:
+                    estimates[name] = found
+        ended = Counter(episode.outcome for episode in by_role[Role.FINAL])
         results.append(
-            TaskResult(
-                task=task,
-                estimates={name: found for name, found in estimates.items() if found is not None},
-                outcomes={outcome: outcomes[outcome] for outcome in Outcome},
-            )
+            TaskResult(task, estimates, {outcome: ended[outcome] for outcome in Outcome})
         )
     return Summary(tuple(results), generalize(episodes, tasks, root))
 
@@ -243,20 +240,20 @@ def generalize(
 
     Source: the paper's generalization study (Figure 11 of its supplement).
     """
-    results = (
-        _generalize_task(task, [e for e in episodes if e.task == task], root) for task in tasks
-    )
-    return tuple(result for result in results if result is not None)
+    results = []
+    for task in tasks:
+        by_split = {
+            split: [one for one in episodes if one.task == task and one.split == split]
+            for split in (Split.HELD_OUT, Split.TRAIN)
+        }
+        if min(map(len, by_split.values())) >= MIN_EPISODES:
+            results.append(_generalize_task(task, by_split, root))
+    return tuple(results)
 
 
-def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Generalization | None:
-    """Compare the splits in one task, None where a split has too few episodes."""
-    by_split = {
-        split: [episode for episode in episodes if episode.split == split]
-        for split in (Split.HELD_OUT, Split.TRAIN)
-    }
-    if min(map(len, by_split.values())) < MIN_EPISODES:
-        return None
+def _generalize_task(
+    task: str, by_split: Mapping[Split, Sequence[Episode]], root: Root
+) -> Generalization:
     family_metric = METRICS[ranking_metric(task)]
 
     def of_family(family: str) -> FamilyResult:
@@ -281,7 +278,7 @@ def _generalize_task(task: str, episodes: Sequence[Episode], root: Root) -> Gene
     )
 
 
-def _gap(task: str, metric: Metric, by_split: Mapping[Split, list[Episode]], root: Root) -> Gap:
+def _gap(task: str, metric: Metric, by_split: Mapping[Split, Sequence[Episode]], root: Root) -> Gap:
     """Estimate a metric that has a value in every episode, and the difference as independent."""
     first, second = (metric.values(members) for members in by_split.values())
     streams = (stream(root, task, metric.name, part) for part in (*by_split, "gap"))
@@ -298,3 +295,72 @@ def episode_row(episode: Episode) -> tuple[Any, ...]:
         *(getattr(episode, name) for name in _IDENTITY),
         *(getattr(episode, metric.column, metric.value(episode)) for metric in _MEASURED),
     )
+
+
+# Data frames, and what a notebook shows
+
+_BESIDE = ("family", "split", "digest")
+_STARTS = (
+    *("start_x", "start_y", "start_z", "start_yaw", "target_x", "target_y"),
+    *("end_effector_x", "end_effector_y", "end_effector_z"),
+)
+"""What a frame of episodes has and ``episodes.csv`` has not; see ``episode.Start``."""
+OFTEN_MISSING = ("time_to_first_touch", "peak_force", "contact_force")
+"""Columns without a value where nothing was touched."""
+
+
+def episodes_frame(episodes: Iterable[Episode]) -> "pd.DataFrame":
+    """Return a row per episode: EPISODE_COLUMNS, family, split, digest, and where it began.
+
+    What an episode does not have, such as the time of its first touch, is NaN.
+    """
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    rows = []
+    for episode in episodes:
+        start = episode.start
+        target = start.target or (None, None)
+        places = (*start.position, start.yaw, *target, *start.end_effector)
+        beside = (getattr(episode, name) for name in _BESIDE)
+        rows.append((*episode_row(episode), *beside, *places))
+    frame = pd.DataFrame(rows, columns=[*EPISODE_COLUMNS, *_BESIDE, *_STARTS])
+    frame["outcome"] = frame["outcome"].map(str)  # plain words, not members of the enumeration
+    numbers = dict.fromkeys((*OFTEN_MISSING, *_STARTS), "float64")
+    return frame.astype({"outcome": "str", **numbers})
+
+
+def table4_frame(summary: Summary) -> "pd.DataFrame":
+    """Return Table 4 in the paper's shape: metrics as rows, tasks as groups of columns.
+
+    Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
+    """
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    frames = {
+        task.task: task.to_frame().reindex(index=TABLE4_METRICS, columns=["value", "low", "high"])
+        for task in summary.tasks
+    }
+    return pd.concat(frames, axis="columns").astype(float).rename_axis("metric")
+
+
+def summary_html(title: str, summary: Summary) -> str:
+    """Write what a notebook shows of a run: Table 4, and outcomes below."""
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    rows = {}
+    for metric in (METRICS[name] for name in TABLE4_METRICS):
+        found = [task.estimates.get(metric.name) for task in summary.tasks]
+        if any(found):
+            texts = (f"{one:{metric.number_format}}" if one else "—" for one in found)
+            rows[f"{metric.label} {metric.direction}"] = [metric.unit, *texts]
+    ended = (
+        ", ".join(f"{how.replace('_', ' ')} {n}" for how, n in task.outcomes.items() if n)
+        for task in summary.tasks
+    )
+    rows["Outcomes"] = ["episodes", *ended]
+    columns = ["unit", *(task.task for task in summary.tasks)]
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    with pd.option_context("display.max_colwidth", None):  # nothing is cut
+        table = frame.to_html(border=0)
+    note = "<p><small>Brackets: 95 % interval over episodes.</small></p>"
+    return f"<p><b>{html.escape(printable(title))}</b></p>{table}{note}"

@@ -1,9 +1,18 @@
-"""A chart as data, in the units of its axes; ``svg`` draws it."""
+"""Charts as data, in the units of their axes, and drawn as SVG.
 
+Drawn directly, by measurement: the 19 plots of a report on novel shapes take 5 ms and 50 kB, with
+matplotlib 1 s, 0.5 s to import it, and 213 kB. The drawings carry classes and attributes, no
+styles, so that a page's policy can forbid every style but its own, and they take the page's colors,
+light or dark, and its font. A drawing is made of paths of straight lines, circles and texts alone.
+"""
+
+import html
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+
+from markupsafe import Markup
+from rich.cells import cell_len
 
 from minitouch_bench.metrics.intervals import Estimate
 
@@ -16,18 +25,11 @@ def series_tone(index: int) -> str:
     return f"series-{index % RUN_COLORS}"
 
 
-MarkShape = Literal["circle", "square", "up", "down", "plus", "cross", "diamond"]
-MARK_SHAPES: tuple[MarkShape, ...] = ("circle", "square", "up", "down", "plus", "cross")
-"""The marks of runs, in the order they are given out."""
-
 THOUSANDS_FROM = 10_000
 """Highest value from which an axis counts in thousands, as "2.5k"."""
 
 ROW = 23.0
 """Height of a row of dots, drawing units."""
-
-LONGEST_LABEL = 16
-"""Characters of a name that fit beside a chart."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +49,6 @@ class Band:
     points: tuple[tuple[float, float], ...]
     tone: str
     opacity: float = 1.0
-
-
-@dataclass(frozen=True)
-class Dot:
-    """A point; ``size``: its height, drawing units."""
-
-    x: float
-    y: float
-    tone: str
-    shape: MarkShape = "circle"
-    size: float = 8.0
-    is_hollow: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,7 +73,7 @@ class Blocks:
     tone: str
 
 
-Mark = Line | Band | Dot | Spots | Blocks
+Mark = Line | Band | Spots | Blocks
 
 
 @dataclass(frozen=True)
@@ -92,7 +82,6 @@ class Tick:
 
     at: float
     text: str
-    tone: str = "muted"
 
 
 @dataclass(frozen=True)
@@ -108,10 +97,9 @@ class Axis:
     ticks: tuple[Tick, ...]
     is_names: bool = False
 
-    @property
-    def span(self) -> float:
-        """Its length."""
-        return abs(self.high - self.low)
+    def place(self, value: float, start: float, end: float) -> float:
+        """Return where a value is between the two ends of a drawn axis."""
+        return start + (value - self.low) / (self.high - self.low) * (end - start)
 
 
 @dataclass(frozen=True)
@@ -145,12 +133,10 @@ class Plot:
 
 @dataclass(frozen=True)
 class LegendItem:
-    """What a color or a mark stands for."""
+    """What a color stands for."""
 
     text: str
     tone: str
-    shape: MarkShape = "square"
-    is_hollow: bool = False
     title: str = ""
 
 
@@ -180,17 +166,16 @@ def value_axis(label: str, highest: float, intervals: int = 4, lowest: float = 0
     return Axis(label, step * first, step * last, ticks)
 
 
-def step_axis(last: int) -> Axis:
-    """Return an axis over the control steps of an episode."""
-    return Axis(
-        "Control steps", 0.0, last, tuple(Tick(step, str(step)) for step in range(0, last + 1, 50))
-    )
+def even_axis(label: str, start: float, end: float, step: int) -> Axis:
+    """Return an axis from ``start`` to ``end`` with a tick at each multiple of ``step``."""
+    low, high = sorted((start, end))
+    ticks = range(step * math.ceil(low / step), math.floor(high) + 1, step)
+    return Axis(label, start, end, tuple(Tick(at, str(at)) for at in ticks))
 
 
-def name_axis(names: Sequence[str], muted: Sequence[str] = ()) -> Axis:
-    """Return an axis that names rows from the top down: ``names`` in ink, then ``muted``."""
-    texts = [*zip(names, ["ink"] * len(names), strict=True), *((text, "muted") for text in muted)]
-    ticks = tuple(Tick(row, text, tone) for row, (text, tone) in enumerate(texts))
+def name_axis(names: Sequence[str]) -> Axis:
+    """Return an axis that names rows from the top down."""
+    ticks = tuple(Tick(row, name) for row, name in enumerate(names))
     return Axis("", len(ticks) - 0.5, -0.5, ticks, is_names=True)
 
 
@@ -202,29 +187,176 @@ def _round_step(least: float) -> float:
     return next(step * size for step in (1, 2, 2.5, 5, 10) if step * size >= least * (1 - 1e-9))
 
 
-# Marks
+# Drawing
+
+WIDTH = 260
+"""Drawing units across a plot; a unit is about a pixel."""
+
+CHARACTER = 6.4
+"""Width of an average character of the drawing's font, 11 units high."""
+
+LONGEST_TITLE = 40
+"""Characters of a chart's title, which names a run."""
+
+PAD = 7
+"""Space around dots, so that one at the end of an axis is drawn whole."""
+
+POINT = 5.0
+"""Size of a line's only point."""
+
+TITLE, NUMBERS, LABEL, GAP = 18.0, 18.0, 18.0, 10.0
+"""Heights: a chart's title, the numbers and the label below the last chart, between charts."""
 
 
-def estimate_marks(
-    index: int, row: float, estimate: Estimate, *, size: float = 8.0, is_hollow: bool = False
-) -> tuple[Line, Dot]:
-    """Return an estimate of the run at ``index`` in a row: its interval, and the run's dot."""
-    tone, shape = series_tone(index), MARK_SHAPES[index % len(MARK_SHAPES)]
-    return (
-        Line(((estimate.low, row), (estimate.high, row)), tone, 2.2, 0.6),
-        Dot(estimate.value, row, tone, shape, size, is_hollow),
+@dataclass(frozen=True)
+class PlotArea:
+    """The area between a chart's axes, y downwards, ``pad`` wider than they are."""
+
+    chart: Chart
+    left: float
+    right: float
+    top: float
+    pad: float
+    is_last: bool
+
+    @property
+    def bottom(self) -> float:
+        """The height of the x axis."""
+        if self.chart.height is not None:
+            return self.top + self.chart.height
+        x, y = self.chart.x, self.chart.y
+        scale = (self.right - self.left - 2 * self.pad) / abs(x.high - x.low)
+        return self.top + scale * abs(y.high - y.low) + 2 * self.pad
+
+    def x(self, value: float) -> float:
+        """Return where a value of the x axis is drawn."""
+        return self.chart.x.place(value, self.left + self.pad, self.right - self.pad)
+
+    def y(self, value: float) -> float:
+        """Return where a value of the y axis is drawn."""
+        return self.chart.y.place(value, self.bottom - self.pad, self.top + self.pad)
+
+
+def text_width(text: str) -> float:
+    """Estimate the width of a text."""
+    return CHARACTER * cell_len(text)
+
+
+def _shortened(title: str) -> str:
+    """Leave out the middle of a title that is wider than a plot."""
+    fits = len(title) <= LONGEST_TITLE
+    return title if fits else f"{title[: LONGEST_TITLE // 2]}…{title[1 - LONGEST_TITLE // 2 :]}"
+
+
+def _left_margin(axis: Axis) -> float:
+    widest = max(text_width(tick.text) for tick in axis.ticks)
+    return widest + 8 + (14 if axis.label else 0)
+
+
+def _right_margin(chart: Chart) -> float:
+    """Leave room for half of the last number."""
+    return max(2.0, text_width(chart.x.ticks[-1].text) / 2 - PAD)
+
+
+def draw_plot(plot: Plot) -> Markup:
+    """Draw the charts of a plot below each other, on one left edge and one x axis."""
+    left = max(_left_margin(chart.y) for chart in plot.charts)
+    right = WIDTH - max(map(_right_margin, plot.charts))
+    parts: list[str] = []
+    bottom = 4.0 - GAP
+    for chart in plot.charts:
+        top = bottom + GAP + (TITLE if chart.title else 0.0)
+        pad = PAD if chart.y.is_names else 0.0
+        area = PlotArea(chart, left, right, top, pad, chart is plot.charts[-1])
+        bottom = area.bottom
+        if chart.title:
+            parts.append(_text(0, top - 8, _shortened(chart.title), "ink"))
+        parts += _grid(area)
+        parts += (_mark(area, mark) for mark in chart.marks)
+    height = bottom + NUMBERS
+    if label := plot.charts[-1].x.label:
+        half = text_width(label) / 2
+        center = min(max((left + right) / 2, half), WIDTH - half)
+        parts.append(_text(center, bottom + 31, label, "middle"))
+        height += LABEL
+    source = f' data-source="{html.escape(plot.source)}"' if plot.source else ""
+    return Markup(
+        f'<svg class="drawing" viewBox="0 0 {WIDTH} {_n(height)}"{source} '
+        f'role="img" aria-label="{html.escape(plot.description)}">{"".join(parts)}</svg>'
     )
 
 
-# Names
-
-
-def short_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Shorten names to fit beside a chart; they stay different, by their numbers if need be."""
-    short = [n if len(n) <= LONGEST_LABEL else f"{n[: LONGEST_LABEL - 1]}…" for n in names]
-    if len(set(short)) == len(set(names)):
-        return tuple(short)
-    return tuple(
-        name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 4]}… {number}"
-        for number, name in enumerate(names, start=1)
+def draw_gauge(share: Estimate, mark: str) -> Markup:
+    """Draw a share on a scale as wide as its place, with a ``mark`` for comparison if not ""."""
+    value, low, high = (f"{100 * end:.4g}" for end in (share.value, share.low, share.high))
+    compared = f'<path class="mark" d="M{100 * float(mark):.4g} -2V8"/>' if mark else ""
+    return Markup(
+        '<svg class="gauge" viewBox="0 0 100 6" preserveAspectRatio="none" aria-hidden="true">'
+        f'<path class="track" d="M0 3H100"/><path class="interval" d="M{low} 3H{high}"/>{compared}'
+        f'<path class="ring" d="M{value} 3h0"/><path class="value" d="M{value} 3h0"/></svg>'
     )
+
+
+def _grid(frame: PlotArea) -> Iterator[str]:
+    chart = frame.chart
+    for tick in chart.y.ticks:
+        at = frame.y(tick.at)
+        if not chart.y.is_names:
+            kind = "axis" if tick.at == chart.y.low else "rule"
+            yield _path(kind, ((frame.left, at), (frame.right, at)))
+        yield _text(frame.left - 6, at + 4, tick.text, "end ink" if chart.y.is_names else "end")
+    for tick in chart.x.ticks:
+        if chart.y.is_names:
+            at = frame.x(tick.at)
+            yield _path("rule", ((at, frame.top), (at, frame.bottom)))
+        if frame.is_last:
+            yield _text(frame.x(tick.at), frame.bottom + 15, tick.text, "middle")
+    if chart.y.label:
+        yield _text(10, (frame.top + frame.bottom) / 2, chart.y.label, "middle", is_upright=True)
+
+
+def _mark(frame: PlotArea, mark: Mark) -> str:
+    match mark:
+        case Line(points=(_,)):  # as a line it would not be seen
+            return _mark(frame, Spots(mark.points, mark.tone, POINT))
+        case Line():
+            more = f' stroke-width="{mark.width:g}"{_faint(mark.opacity)}'
+            points = [(frame.x(x), frame.y(y)) for x, y in mark.points]
+            return _path(f"line {mark.tone}", points, more)
+        case Band():
+            outline = [(frame.x(x), frame.y(y)) for x, y in mark.points]
+            return _path(f"area {mark.tone}", outline, _faint(mark.opacity))
+        case Spots():
+            drawn = "".join(f"M{_n(frame.x(x))} {_n(frame.y(y))}h0" for x, y in mark.points)
+            links = f' data-episodes="{" ".join(map(str, mark.episodes))}"' if mark.episodes else ""
+            size = f'stroke-width="{_n(mark.size)}"'
+            return f'<path class="spots {mark.tone}" {size}{links} d="{drawn}"/>'
+        case Blocks():
+            drawn = "".join(_box(frame, *box) for box in mark.boxes)
+            return f'<path class="area {mark.tone}" d="{drawn}"/>'
+
+
+def _box(frame: PlotArea, left: float, bottom: float, right: float, top: float) -> str:
+    x, y = frame.x(left), frame.y(top)
+    across, down = _n(frame.x(right) - x), _n(frame.y(bottom) - y)
+    return f"M{_n(x)} {_n(y)}h{across}v{down}H{_n(x)}Z"
+
+
+def _faint(opacity: float) -> str:
+    return "" if opacity == 1 else f' opacity="{opacity:g}"'
+
+
+def _path(kind: str, points: Sequence[tuple[float, float]], more: str = "") -> str:
+    """Draw a line through points; more than two of another kind are the corners of an area."""
+    end = "Z" if len(points) > 2 and not kind.startswith("line") else ""
+    drawn = "L".join(f"{_n(x)} {_n(y)}" for x, y in points)
+    return f'<path class="{kind}"{more} d="M{drawn}{end}"/>'
+
+
+def _text(x: float, y: float, text: str, kind: str, *, is_upright: bool = False) -> str:
+    turned = f' transform="rotate(-90 {_n(x)} {_n(y)})"' if is_upright else ""
+    return f'<text class="{kind}" x="{_n(x)}" y="{_n(y)}"{turned}>{html.escape(text)}</text>'
+
+
+def _n(value: float) -> str:
+    return f"{value:.1f}".removesuffix(".0")

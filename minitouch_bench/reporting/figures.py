@@ -1,15 +1,22 @@
-"""The figures of a report as data, and the plots that the leaderboard's pages show too."""
+"""The figures of a report as data, of a row's page too, and a figure for a paper as a file."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import Episode
+from minitouch_bench.errors import UsageError
+from minitouch_bench.files import write_file
+from minitouch_bench.machine import require
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
+from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels, report_tables
-from minitouch_bench.reporting.labels import PAPER_METHODS, RunSection, paper_value, task_title
+from minitouch_bench.reporting.labels import RunSection, task_title
 from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.runs.run import Run
 
@@ -18,9 +25,6 @@ BIN = 10
 
 FEW = 0.1
 """Share of the episodes below which a touch curve is drawn faintly."""
-
-SPLIT_OFFSET = 0.17
-"""Half the distance between the held-out and the train mark of a row, rows."""
 
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""
@@ -38,66 +42,18 @@ FREE_AIR = 1.0
 
 
 def report_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str], *, with_paper: bool = True
+    sections: Sequence[RunSection], tasks: Sequence[str]
 ) -> tuple[charts.Figure, ...]:
     """Return the figures that every report has, of the tasks that have them."""
     goals = [task for task in tasks if task in GOAL_TASKS]  # Playing lasts until the step limit
+    played = {task: _panels(task, sections) for task in goals}
     figures = (
-        charts.Figure(
-            "estimates",
-            "Against the paper" if with_paper else "Estimates",
-            "Filled: this report, with its 95 % interval. Hollow: the paper's own values, from "
-            "other episodes and object sets."
-            if with_paper
-            else "Each with its 95 % interval.",
-            tuple(_estimate_plot(task, sections, with_paper=with_paper) for task in tasks),
-        ),
-        steps_figure({task: _panels(task, sections) for task in goals}),
+        steps_figure(played),
         touch_figure(tasks, [section.run for section in sections], _run_legend(sections)),
         _force_figure(sections, tasks),
-        peak_figure({task: _panels(task, sections) for task in goals}),
+        peak_figure(played),
     )
     return tuple(figure for figure in figures if figure.plots)
-
-
-def ending_legend(endings: Iterable[Ending]) -> tuple[charts.LegendItem, ...]:
-    """Name the colors of the endings that occur."""
-    found = set(endings)
-    return tuple(charts.LegendItem(e.value, e.tone, title=e.meaning) for e in Ending if e in found)
-
-
-def split_figures(
-    sections: Sequence[RunSection], tasks: Sequence[str]
-) -> tuple[charts.Figure, ...]:
-    """Return held-out beside train shapes, as in the paper's Figure 11."""
-    compared = {
-        result.task for section in sections for result in section.run.summary.generalization
-    }
-    tasks = [task for task in tasks if task in compared]
-    if not tasks:
-        return ()
-    legend = (
-        charts.LegendItem("held-out shapes", "muted", "circle"),
-        charts.LegendItem("train shapes", "muted", "circle", is_hollow=True),
-        *_run_legend(sections),
-    )
-    pairs = [
-        (task, metric)
-        for task in tasks
-        for metric in (
-            ranking_metric(task),
-            "episode_steps" if task in GOAL_TASKS else "object_movement",
-        )
-    ]
-    return (
-        charts.Figure(
-            "held-out-beside-train",
-            "Held-out beside train shapes",
-            "Each with its 95 % interval, in the manner of the paper's Figure 11.",
-            tuple(_split_plot(task, metric, sections) for task, metric in pairs),
-            legend,
-        ),
-    )
 
 
 def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]:
@@ -108,59 +64,65 @@ def _run_legend(sections: Sequence[RunSection]) -> tuple[charts.LegendItem, ...]
     return tuple(items) if len(sections) > 1 else ()
 
 
-def _names(sections: Sequence[RunSection]) -> tuple[str, ...]:
-    return charts.short_names([section.name for section in sections])
-
-
-def _metric_axis(task: str, metric: str, values: Sequence[float]) -> charts.Axis:
-    """Name the axis of a metric and start it at 0; a share runs to 1."""
-    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
-    return charts.value_axis(label, 1.0 if METRICS[metric].is_fraction else max(values))
-
-
-def _estimate_plot(task: str, sections: Sequence[RunSection], *, with_paper: bool) -> charts.Plot:
-    """Draw an estimate of each run with its interval, and the paper's values below."""
-    metric, title = ranking_metric(task), task_title(task)
-    printed = [(method, paper_value(task, metric, method)) for method in PAPER_METHODS]
-    paper = [(method, float(text)) for method, text in printed if text and with_paper]
-    marks: list[charts.Mark] = []
-    highest = [0.0]
-    for row, section in enumerate(sections):
-        if estimate := report_tables.find_estimate(section.run, task, metric):
-            marks += charts.estimate_marks(row, row, estimate)
-            highest.append(estimate.high)
-    for row, (_, value) in enumerate(paper, start=len(sections)):
-        marks.append(charts.Dot(value, row, "muted", "diamond", 7, is_hollow=True))
-        highest.append(value)
-    rows = charts.name_axis(_names(sections), [method for method, _ in paper])
-    x = _metric_axis(task, metric, highest)
-    chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(rows.ticks))
-    return charts.Plot(title, f"{title}: {METRICS[metric].label} with 95 % intervals", (chart,))
-
-
 def _panels(task: str, sections: Sequence[RunSection]) -> dict[str, list[Episode]]:
     """Return a task's episodes of each run, by its name where there are several."""
-    names = _names(sections) if len(sections) > 1 else [""]
     return {
-        name: [episode for episode in section.run.rows if episode.task == task]
-        for name, section in zip(names, sections, strict=True)
+        section.name if len(sections) > 1 else "": [
+            episode for episode in section.run.rows if episode.task == task
+        ]
+        for section in sections
     }
 
 
 def steps_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:
     """Draw how long episodes last, colored by how they ended; ``played`` by task and panel."""
+    found = {
+        ending_of(row) for panels in played.values() for rows in panels.values() for row in rows
+    }
     return charts.Figure(
         "episode-steps",
         "How long episodes last",
         "Share of the episodes by number of control steps, and by how they ended.",
-        tuple(
-            steps_plot(task, {name: steps_by_ending(rows) for name, rows in panels.items()})
-            for task, panels in played.items()
-        ),
-        ending_legend(
-            ending_of(row) for panels in played.values() for rows in panels.values() for row in rows
-        ),
+        tuple(steps_plot(task, panels) for task, panels in played.items()),
+        tuple(ending.legend for ending in Ending if ending in found),
     )
+
+
+def steps_plot(task: str, panels: Mapping[str, Sequence[Episode]]) -> charts.Plot:
+    """Draw the share of a task's episodes by control steps; ``panels``: episodes by title.
+
+    What is beyond the task's limit is drawn at it: a stranger's file can say any number.
+    """
+    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
+    edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
+    tops = {}
+    for title, episodes in panels.items():
+        counts = np.zeros((len(Ending), len(edges) - 1))
+        for row, ending in enumerate(Ending):
+            steps = [min(e.steps, edges[-1]) for e in episodes if ending_of(e) is ending]
+            counts[row] = np.histogram(steps, edges)[0]
+        tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
+    highest = max(float(stack[-1].max()) for stack in tops.values())
+    x = charts.even_axis("Control steps", 0, int(edges[-1]), 50)
+    y = charts.value_axis("Episodes, %", highest, intervals=3)
+    drawn = tuple(
+        charts.Chart(x, y, tuple(_bars(stack, edges)), 76, title) for title, stack in tops.items()
+    )
+    what = f"{task_title(task)}: distribution of episode steps by ending"
+    return charts.Plot(task_title(task), what, drawn)
+
+
+def _bars(tops: NDArray[np.float64], edges: NDArray[np.int64]) -> Iterator[charts.Blocks]:
+    """Yield the bars of each ending; ``tops``: where they end, (endings, bars)."""
+    bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
+    for ending, low, high in zip(Ending, bottoms, tops, strict=True):
+        boxes = tuple(
+            (left + 0.6, bottom, left + BIN - 0.6, top)
+            for left, bottom, top in zip(edges.tolist(), low.tolist(), high.tolist(), strict=False)
+            if top > bottom
+        )
+        if boxes:
+            yield charts.Blocks(boxes, ending.tone)
 
 
 def touch_figure(
@@ -175,84 +137,9 @@ def touch_figure(
         "Touch over time",
         "Mean ticks in contact at each control step, over the episodes that reached it; faint "
         f"where fewer than a tenth of the episodes are left{more}.",
-        tuple(touch_plot(task, runs) for task in tasks),
+        tuple(_time_plot(task, runs, "Ticks per step", _touch_curve) for task in tasks),
         legend,
     )
-
-
-def steps_by_ending(episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64]]:
-    """Return the control steps of the episodes, by the color of how they ended."""
-    return {
-        ending.tone: np.array([e.steps for e in episodes if ending_of(e) is ending], np.int64)
-        for ending in Ending
-    }
-
-
-def steps_plot(task: str, panels: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> charts.Plot:
-    """Draw the share of a task's episodes by control steps.
-
-    ``panels``: by title, the steps of the episodes by tone, which are stacked. What is beyond the
-    task's limit is drawn at it: a stranger's file can say any number.
-    """
-    # One bar more than the limit: an episode of 200 steps gets its own, not that of 190-199.
-    edges = np.arange(0, PROTOCOL.task(task).max_steps + 2 * BIN, BIN)
-    tops = {}
-    for title, panel in panels.items():
-        clipped = (np.minimum(steps, edges[-1]) for steps in panel.values())
-        counts = np.array([np.histogram(steps, edges)[0] for steps in clipped], np.float64)
-        tops[title] = np.cumsum(100 * counts / max(1.0, counts.sum()), axis=0)
-    highest = max(float(stack[-1].max()) for stack in tops.values())
-    x, y = charts.step_axis(int(edges[-1])), charts.value_axis("Episodes, %", highest, intervals=3)
-    drawn = tuple(
-        charts.Chart(x, y, tuple(_bars(list(panels[title]), stack, edges)), 76, title)
-        for title, stack in tops.items()
-    )
-    what = f"{task_title(task)}: distribution of episode steps by ending"
-    return charts.Plot(task_title(task), what, drawn)
-
-
-def _bars(
-    tones: Sequence[str], tops: NDArray[np.float64], edges: NDArray[np.int64]
-) -> Iterator[charts.Band]:
-    """Yield the bars that are not empty; ``tops``: where each tone's bars end."""
-    bottoms = np.vstack([np.zeros(len(edges) - 1), tops[:-1]])
-    for row, slot in np.argwhere(tops > bottoms):
-        left, right = float(edges[slot]) + 0.6, float(edges[slot]) + BIN - 0.6
-        bottom, top = float(bottoms[row, slot]), float(tops[row, slot])
-        corners = ((left, bottom), (left, top), (right, top), (right, bottom))
-        yield charts.Band(corners, tones[row])
-
-
-def touch_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
-    """Draw the mean contact ticks at each control step, a line per run.
-
-    A line is faint where less than FEW of the episodes reached the step.
-    """
-    summaries = [report_tables.task_summary(run, task) for run in runs]
-    curves = [(one.touch_curve, one.curve_episodes) if one else ((), ()) for one in summaries]
-    highest = max((value for curve, _ in curves for value in curve), default=0.0)
-    longest = max(1, *(len(curve) for curve, _ in curves))
-    marks = tuple(line for i, (curve, n) in enumerate(curves) for line in _curve(i, curve, n))
-    y = charts.value_axis("Ticks per step", highest)
-    chart = charts.Chart(charts.value_axis("Control steps", longest), y, marks, 112)
-    what = f"{task_title(task)}: mean contact ticks at each control step"
-    return charts.Plot(task_title(task), what, (chart,))
-
-
-def _curve(index: int, curve: Sequence[float], reached: Sequence[int]) -> Iterator[charts.Line]:
-    points, tone = tuple(enumerate(curve)), charts.series_tone(index)
-    least = FEW * reached[0] if reached else 0.0
-    for part, is_faint in _parts(reached or (1,) * len(curve), least):
-        yield charts.Line(points[part], tone, *((1.1, 0.35) if is_faint else (1.4,)))
-
-
-def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
-    """Yield the part of a curve that enough episodes reached, then the rest, which is faint."""
-    certain = next((step for step, number in enumerate(reached) if number < least), len(reached))
-    if certain:
-        yield slice(0, certain), False
-    if certain < len(reached):
-        yield slice(max(0, certain - 1), len(reached)), True
 
 
 def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> charts.Figure:
@@ -267,30 +154,59 @@ def _force_figure(sections: Sequence[RunSection], tasks: Sequence[str]) -> chart
     if altered:
         names = labels.listed(altered)
         text += f" All are true forces, also where the policy was given others: {names}."
-    plots = tuple(_force_plot(task, [section.run for section in sections]) for task in tasks)
+    runs = [section.run for section in sections]
+    plots = tuple(_time_plot(task, runs, "Force, N", _quartiles, FREE_AIR) for task in tasks)
     return charts.Figure("forces", "What the fingers felt", text, plots, _run_legend(sections))
 
 
-def _force_plot(task: str, runs: Sequence[Run]) -> charts.Plot:
-    """Draw the median force at each control step and the middle half around it, by run."""
+def _touch_curve(result: TaskResult) -> list[Sequence[float]]:
+    return [result.touch_curve]
+
+
+def _quartiles(result: TaskResult) -> list[list[float]]:
+    steps = result.force_curve
+    return [[s.median for s in steps], [s.lower for s in steps], [s.upper for s in steps]]
+
+
+def _time_plot(
+    task: str,
+    runs: Sequence[Run],
+    label: str,
+    curves_of: Callable[[TaskResult], Sequence[Sequence[float]]],
+    highest: float = 0.0,
+) -> charts.Plot:
+    """Draw a value at each control step, a line per run, faint where few episodes are left.
+
+    ``curves_of``: the line, and the lower and upper edge of the band around it if there is one.
+    ``highest``: the value that the axis reaches at least.
+    """
     marks: list[charts.Mark] = []
-    longest, highest = 1, FREE_AIR
+    longest = 1
     for index, run in enumerate(runs):
         result, tone = report_tables.task_summary(run, task), charts.series_tone(index)
-        steps, reached = (result.force_curve, result.curve_episodes) if result else ((), ())
-        longest = max(longest, len(steps))
-        highest = max([highest, *(step.upper for step in steps)])
-        for part, is_faint in _parts(reached, max(FEWEST, FEW * max(reached, default=0))):
-            lower, median, upper = (
-                tuple(enumerate(values))[part] for values in zip(*steps, strict=True)
-            )
-            marks.append(charts.Band((*lower, *reversed(upper)), tone, 0.12 if is_faint else 0.25))
-            marks.append(charts.Line(median, tone, *((1.1, 0.35) if is_faint else (1.4,))))
-    x, y = charts.value_axis("Control steps", longest), charts.value_axis("Force, N", highest)
-    chart = charts.Chart(x, y, tuple(marks), 112)
-    return charts.Plot(
-        task_title(task), f"{task_title(task)}: force at each control step", (chart,)
-    )
+        if result is None or not result.curve_episodes:
+            continue
+        reached, curves = result.curve_episodes, curves_of(result)
+        longest, highest = max(longest, len(reached)), max(highest, *map(max, curves))
+        least = max(FEW * reached[0], FEWEST if len(curves) > 1 else 0)
+        for part, is_faint in _parts(reached, least):
+            line, *band = (tuple(enumerate(values))[part] for values in curves)
+            if band:
+                corners = (*band[0], *reversed(band[1]))
+                marks.append(charts.Band(corners, tone, 0.12 if is_faint else 0.25))
+            marks.append(charts.Line(line, tone, *((1.1, 0.35) if is_faint else (1.4,))))
+    title, x = task_title(task), charts.value_axis("Control steps", longest)
+    chart = charts.Chart(x, charts.value_axis(label, highest), tuple(marks), 112)
+    return charts.Plot(title, f"{title}: {label.lower()}, by control step", (chart,))
+
+
+def _parts(reached: Sequence[int], least: float) -> Iterator[tuple[slice, bool]]:
+    """Yield the part of a curve that enough episodes reached, then the rest, which is faint."""
+    certain = next((step for step, number in enumerate(reached) if number < least), len(reached))
+    if certain:
+        yield slice(0, certain), False
+    if certain < len(reached):
+        yield slice(max(0, certain - 1), len(reached)), True
 
 
 def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts.Figure:
@@ -300,8 +216,7 @@ def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts
     """
     plots = []
     for task, panels in played.items():
-        by_ending = {name: _peaks(rows) for name, rows in panels.items()}
-        shown = {name: peaks for name, peaks in by_ending.items() if len(peaks) > 1}
+        shown = {name: p for name, rows in panels.items() if len(p := _peaks(rows)) > 1}
         if shown:
             plots.append(_peak_plot(task, shown))
     text = (
@@ -333,7 +248,7 @@ def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]
             low, lower, median, upper, high = np.percentile(peaks, (0, 25, 50, 75, 100)).tolist()
             marks.append(charts.Line(((low, row), (high, row)), ending.tone, 1.2))
             marks.append(charts.Line(((lower, row), (upper, row)), ending.tone, 5, 0.5))
-            marks.append(charts.Dot(median, row, ending.tone))
+            marks.append(charts.Spots(((median, row),), ending.tone, 8))
             cut += sum(peak >= limit for peak in peaks)
             touched += len(peaks)
         names = [f"{ENDING_NAMES[ending]} ({len(peaks)})" for ending, peaks in panel.items()]
@@ -346,19 +261,100 @@ def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]
     return charts.Plot(task_title(task), what, tuple(drawn), note)
 
 
-def _split_plot(task: str, metric: str, sections: Sequence[RunSection]) -> charts.Plot:
-    """Draw a metric on held-out shapes (filled) above train shapes (hollow), a row per run."""
-    marks: list[charts.Mark] = []
-    highest = [0.0]
-    for row, section in enumerate(sections):
-        result = report_tables.find_generalization(section.run, task)
-        if gap := result.gaps.get(metric) if result else None:
-            marks += charts.estimate_marks(row, row - SPLIT_OFFSET, gap.held_out, size=7)
-            marks += charts.estimate_marks(
-                row, row + SPLIT_OFFSET, gap.train, size=7, is_hollow=True
-            )
-            highest += [gap.held_out.high, gap.train.high]
-    label, title = METRICS[metric].label, task_title(task)
-    rows, x = charts.name_axis(_names(sections)), _metric_axis(task, metric, highest)
-    chart = charts.Chart(x, rows, tuple(marks), 1.4 * charts.ROW * len(sections))
-    return charts.Plot(f"{title}: {label.lower()}", f"{title}: {label} on each split", (chart,))
+# A figure for a paper, drawn by matplotlib
+
+POINT_COLORS = (
+    "#0072b2", "#d55e00", "#009e73", "#aa4488", "#b87a00", "#5d2f0c", "#56b4e9", "#878d96",
+)  # fmt: skip
+POINT_MARKS = "os^vDP*X"
+"""Of the runs, in turn: a figure printed in gray tells them apart too."""
+
+GROUP_WIDTH = 0.7
+"""Room of the runs of one task, where the tasks are 1 apart."""
+
+PLOT_SETTINGS: Any = {
+    "svg.hashsalt": "minitouch-bench", "svg.fonttype": "none", "pdf.fonttype": 42,
+    "axes.spines.top": False, "axes.spines.right": False, "font.size": 9,
+    "legend.frameon": False, "savefig.dpi": 300,
+}  # fmt: skip
+"""The same runs give the same file; text stays text."""
+
+NO_DATE: dict[str, dict[str, Any]] = {
+    ".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {},
+}  # fmt: skip
+"""Metadata without a date, by the kinds of files that can be written."""
+
+
+def check_figure(path: Path) -> None:
+    """Refuse a figure of a kind that cannot be written.
+
+    Raises:
+        UsageError: it is not one of NO_DATE.
+    """
+    if path.suffix not in NO_DATE:
+        raise UsageError(f"--figure is a file {', '.join(NO_DATE)}, not '{path.name}'")
+
+
+def write_figure(
+    sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str], path: Path
+) -> None:
+    """Draw a panel for each metric: tasks across, each run's estimate with its 95 % interval.
+
+    ``metrics``: () for those that rank the tasks. ``path``: see ``check_figure``.
+
+    Raises:
+        UsageError: no run has a value.
+        MissingExtraError: matplotlib is not installed.
+        RunDirectoryError: the file cannot be written.
+    """
+    require("matplotlib", "figure")
+    from matplotlib import rc_context  # noqa: PLC0415  an extra
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    panels: dict[str, list[str]] = {}
+    for task in tasks:
+        for metric in metrics or [ranking_metric(task)]:
+            if any(report_tables.find_estimate(section.run, task, metric) for section in sections):
+                panels.setdefault(metric, []).append(task)
+    if not panels:
+        raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
+    with rc_context(PLOT_SETTINGS):
+        widths = [len(shown) for shown in panels.values()]
+        size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 3.0)
+        figure = Figure(size, layout="constrained")
+        axes = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
+        for one, (metric, shown) in zip(axes, panels.items(), strict=True):
+            _draw_panel(one, sections, metric, shown)
+        handles, names = axes[0].get_legend_handles_labels()
+        if len(names) > 1:
+            columns = max(1, int(size[0] / 1.6))
+            figure.legend(handles, names, loc="outside upper center", ncols=columns)
+        content = io.BytesIO()
+        figure.savefig(content, format=path.suffix[1:], metadata=NO_DATE[path.suffix])
+    write_file(path, content.getvalue())
+
+
+def _draw_panel(axes: Any, sections: Sequence[RunSection], metric: str, tasks: list[str]) -> None:
+    """Draw one metric; every run has its place in each group, whether or not it has a value."""
+    count = len(sections)
+    for index, section in enumerate(sections):
+        place = GROUP_WIDTH * ((index + 0.5) / count - 0.5)
+        found = {
+            group + place: estimate
+            for group, task in enumerate(tasks)
+            if (estimate := report_tables.find_estimate(section.run, task, metric))
+        }
+        values = [one.value for one in found.values()]
+        below = [max(0.0, one.value - one.low) for one in found.values()]
+        above = [max(0.0, one.high - one.value) for one in found.values()]
+        color, mark = POINT_COLORS[index % len(POINT_COLORS)], POINT_MARKS[index % len(POINT_MARKS)]
+        axes.errorbar(
+            list(found), values, (below, above), label=section.name.replace("$", r"\$"),
+            fmt=mark, color=color, markersize=4, capsize=2, elinewidth=1.2,
+        )  # fmt: skip
+    axes.set_xticks(range(len(tasks)), [task_title(task) for task in tasks])
+    axes.set_xlim(-0.5, len(tasks) - 0.5)
+    axes.set_ylabel(f"{METRICS[metric].label} ({METRICS[metric].unit_in(tasks[0])})")
+    axes.set_ylim((-0.02, 1.02) if METRICS[metric].is_fraction else (0, None))
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)

@@ -7,15 +7,15 @@ supplement, Table 4.
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
-from minitouch_bench.reporting.tables import Cell, Gauge
-from minitouch_bench.runs.plan import first_of
+from minitouch_bench.reporting.charts import draw_gauge
+from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run, RunHeader, is_weakly_isolated
 from minitouch_bench.text import numbered, printable
 
@@ -95,35 +95,26 @@ def metric_head(metric: str, task: str | None = None) -> str:
     return f"{known.label} {known.direction_in(task or '')}".rstrip()
 
 
-def estimate_cell(metric: str, estimate: Estimate | None, mark: float | None = None) -> Cell:
+def estimate_cell(metric: str, estimate: Estimate | None, mark: str = "") -> Cell:
     """Write an estimate with its interval, a share with a gauge and ``mark``; a dash for none."""
     if estimate is None:
         return Cell()
-    value, low, high = (
-        format_value(metric, end) for end in (estimate.value, estimate.low, estimate.high)
-    )
-    gauge = None
-    if METRICS[metric].is_fraction:
-        gauge = Gauge(
-            _percent(estimate.value),
-            _percent(estimate.low),
-            _percent(estimate.high),
-            None if mark is None else _percent(mark),
-        )
-    return Cell(value, f"[{low}, {high}]", _method(estimate), estimate.value, gauge)
+    cell = _interval_cell(estimate, METRICS[metric].number_format)
+    return replace(cell, gauge=draw_gauge(estimate, mark)) if METRICS[metric].is_fraction else cell
 
 
 def difference_cell(metric: str, difference: Estimate) -> Cell:
     """Write a difference with its sign and interval; what rounds to 0 has a plus."""
-    value, low, high = (
-        format(number, f"+z{METRICS[metric].number_format}")
-        for number in (difference.value, difference.low, difference.high)
+    return _interval_cell(difference, f"+z{METRICS[metric].number_format}")
+
+
+def _interval_cell(estimate: Estimate, form: str) -> Cell:
+    return Cell(
+        f"{estimate.value:{form}}",
+        f"[{estimate.low:{form}}, {estimate.high:{form}}]",
+        f"{counted(estimate)}, 95 % interval: {estimate.method}",
+        estimate.value,
     )
-    return Cell(value, f"[{low}, {high}]", _method(difference), difference.value)
-
-
-def _method(estimate: Estimate) -> str:
-    return f"{counted(estimate)}, 95 % interval: {estimate.method}"
 
 
 def counted(estimate: Estimate) -> str:
@@ -132,14 +123,7 @@ def counted(estimate: Estimate) -> str:
     return numbered(estimate.count, what)
 
 
-def _percent(share: float) -> float:
-    return round(100 * min(max(share, 0.0), 1.0), 2)
-
-
 # Runs
-
-SHOWN_EPISODES = 12
-"""Episodes named for one fault; a policy that always fails would fill the page."""
 
 
 @dataclass(frozen=True)
@@ -223,15 +207,6 @@ def group_faults(faults: Iterable[tuple[str, str]]) -> Mapping[str, Sequence[str
     return episodes
 
 
-def fault_lines(section: RunSection) -> list[str]:
-    """Return a line per fault of a run: what went wrong, how often and in which episodes."""
-    lines = []
-    for text, episodes in section.faults.items():
-        times = numbered(len(episodes), "episode")
-        lines.append(f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})")
-    return lines
-
-
 MUCH_CLIPPING = 0.5
 """Share of clipped actions above which a policy probably lacks a tanh, or has other units."""
 
@@ -247,8 +222,7 @@ def run_labels(run: Run) -> tuple[str, ...]:
             if note not in header.policy.notes
         ]
     if not header.official:
-        reasons = "; ".join(header.unofficial_because)
-        labels.append(f"unofficial: {reasons}" if reasons else "unofficial")
+        labels.append(f"unofficial: {'; '.join(header.unofficial_because)}")
     if faults:
         more = ", and others" if len(faults) > 1 else ""
         labels.append(f"{numbered(len(run.faults), 'policy fault')}: {faults[0]}{more}")
@@ -287,8 +261,8 @@ def listed(names: Sequence[str]) -> str:
 
 def task_title(task: str) -> str:
     """Return a task's name as a heading."""
-    titles = {known.name: known.title for known in PROTOCOL.tasks}
-    return titles.get(task, printable(task).capitalize())
+    titles = (known.title for known in PROTOCOL.tasks if known.name == task)
+    return next(titles, printable(task).capitalize())
 
 
 def tasks_in_order(runs: Sequence[Run]) -> tuple[str, ...]:

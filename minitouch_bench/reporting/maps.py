@@ -32,6 +32,9 @@ SCENE, CELL = 1.7, 2.0
 MARGIN = 3.0
 """Around the workspace, cm."""
 
+HAND = 1.2
+"""Half the side of the cross at the end effector, cm."""
+
 LEVELS = 4
 """Shades of the touch share."""
 
@@ -136,20 +139,16 @@ def sentence(test: StartTest) -> str:
 
 def _in_order(levels: Sequence[LegendItem]) -> tuple[LegendItem, ...]:
     """Return the levels that occur, in the order of endings and shades."""
-    order = [*map(_of_ending, Ending), *map(_of_share, range(1, LEVELS + 1))]
+    order = [*(ending.legend for ending in Ending), *map(_of_share, range(1, LEVELS + 1))]
     found = dict.fromkeys(levels)
     return tuple(sorted(found, key=lambda item: order.index(item) if item in order else 0))
 
 
 def _level(episode: Episode) -> LegendItem:
     if episode.task in GOAL_TASKS or episode.outcome is Outcome.POLICY_FAULT:
-        return _of_ending(ending_of(episode))
+        return ending_of(episode).legend
     share = METRICS["touch_share"].value(episode) or 0.0
-    return _of_share(math.ceil(share * LEVELS)) if share else _of_ending(Ending.NEVER_TOUCHED)
-
-
-def _of_ending(ending: Ending) -> LegendItem:
-    return LegendItem(ending.value, ending.tone, title=ending.meaning)
+    return _of_share(math.ceil(share * LEVELS)) if share else Ending.NEVER_TOUCHED.legend
 
 
 def _of_share(level: int) -> LegendItem:
@@ -248,22 +247,20 @@ def _axes(task: str) -> tuple[charts.Axis, charts.Axis]:
     """Return the axes of a task's map, left as the robot sees it and away from it."""
     if task == PUSHING.name:
         most = 100 * PUSHING.cube_distance[1] + 1
-        ticks = tuple(charts.Tick(at, f"{at:g}") for at in (-20, -10, 0, 10, 20))
-        across = charts.Axis("cm left of the target", most, -most, ticks)
-        return across, charts.Axis("cm beyond it", -most, most, ticks)
-    space = PROTOCOL.task(task).workspace
-    (low, high), (right, left) = (
-        (100 * space.low[axis] - MARGIN, 100 * space.high[axis] + MARGIN) for axis in (0, 1)
-    )
+        across = charts.even_axis("cm left of the target", most, -most, 10)
+        return across, charts.even_axis("cm beyond it", -most, most, 10)
+    (low, right, _), (high, left, _) = _workspace(task)
     return (
-        charts.Axis("cm left of the robot", left, right, _tens(right, left)),
-        charts.Axis("cm ahead of it", low, high, _tens(low, high)),
+        charts.even_axis("cm left of the robot", left + MARGIN, right - MARGIN, 10),
+        charts.even_axis("cm ahead of it", low - MARGIN, high + MARGIN, 10),
     )
 
 
-def _tens(low: float, high: float) -> tuple[charts.Tick, ...]:
-    first, last = math.ceil(low / 10), math.floor(high / 10)
-    return tuple(charts.Tick(10 * ten, str(10 * ten)) for ten in range(first, last + 1))
+def _workspace(task: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return two corners of a task's workspace, x, y, z in cm."""
+    space = PROTOCOL.task(task).workspace
+    low, high = (tuple(100 * value for value in end) for end in (space.low, space.high))
+    return low, high
 
 
 def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterator[charts.Mark]:
@@ -276,10 +273,7 @@ def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterato
         circle = tuple((goal * math.cos(a), goal * math.sin(a)) for a in angles)
         yield charts.Line(circle, "muted", 0.8)
         return
-    space = PROTOCOL.task(task).workspace
-    (bottom, right), (top, left) = (
-        [100 * value for value in end[:2]] for end in (space.low, space.high)
-    )
+    (bottom, right, _), (top, left, _) = _workspace(task)
     corners = _corners(left, bottom, right, top)
     yield charts.Line((*corners, corners[0]), "muted", 0.8)
     if task == OPENING.name:
@@ -288,7 +282,10 @@ def _scenery(task: str, placed: Sequence[tuple[Episode, LegendItem]]) -> Iterato
         yield charts.Band(_corners(*sides), "muted", 0.25)
         return
     x, y, _ = placed[0][0].start.end_effector
-    yield charts.Dot(100 * y, 100 * x, "muted", "cross", 11)
+    across, ahead = 100 * y, 100 * x
+    for turn in (HAND, -HAND):
+        ends = (across - HAND, ahead - turn), (across + HAND, ahead + turn)
+        yield charts.Line(ends, "muted", 2.5)
 
 
 def _corners(left: float, bottom: float, right: float, top: float) -> tuple[Place, ...]:
@@ -307,7 +304,9 @@ def _families(mapped: MappedTask) -> Iterator[charts.Plot]:
             [one.success for one in part if one.family == name] for part in mapped.trainings
         )
         shares = [wilson(sum(wins), len(wins)) for wins in trainings if wins]
-        marks += charts.estimate_marks(0, row, over_seeds(shares, (0.0, 1.0)))
+        found, tone = over_seeds(shares, (0.0, 1.0)), charts.series_tone(0)
+        marks.append(charts.Line(((found.low, row), (found.high, row)), tone, 2.2, 0.6))
+        marks.append(charts.Spots(((found.value, row),), tone, 8))
         labels.append(f"{printable(name)} ({sum(share.count for share in shares)})")
     rows, x = charts.name_axis(labels), charts.value_axis("Success, share of episodes", 1.0)
     chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(names))

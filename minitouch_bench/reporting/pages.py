@@ -23,9 +23,8 @@ from minitouch_bench.episode import Episode, Outcome, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.charts import series_tone
+from minitouch_bench.reporting.charts import LegendItem, draw_plot, series_tone
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
-from minitouch_bench.reporting.svg import draw_gauge, draw_plot
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
@@ -54,7 +53,7 @@ def _environment(templates: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"printable": printable, "draw": draw_plot, "gauge": draw_gauge}
+    environment.filters |= {"printable": printable, "draw": draw_plot, "tone": series_tone}
     return environment
 
 
@@ -69,11 +68,7 @@ def _frame(templates: Path, styles: tuple[str, ...], scripts: tuple[str, ...]) -
         + (f"script-src {' '.join(map(_hash, texts))}; " if texts else "")
         + "img-src 'self' file: data:; media-src 'self' file:; base-uri 'none'; form-action 'none'"
     )
-    return {
-        "style": Markup(style),
-        "scripts": tuple(map(Markup, texts)),
-        "policy": Markup(policy),
-    }
+    return {"style": Markup(style), "scripts": tuple(map(Markup, texts)), "policy": Markup(policy)}
 
 
 def _hash(text: str) -> str:
@@ -99,7 +94,6 @@ class CardValue:
     """The value of one run, and further ones beside it by label."""
 
     name: str
-    tone: str
     cell: Cell
     beside: tuple[tuple[str, str], ...]
 
@@ -131,11 +125,10 @@ def make_card(
     values = tuple(
         CardValue(
             name=name,
-            tone=series_tone(index),
-            cell=estimate_cell(metric, estimates.get(metric), float(paper) if paper else None),
+            cell=estimate_cell(metric, estimates.get(metric), paper),
             beside=tuple((METRICS[other].label, _with_unit(other, estimates)) for other in beside),
         )
-        for index, (name, estimates) in enumerate(runs)
+        for name, estimates in runs
     )
     return Card(
         title=task_title(task),
@@ -148,10 +141,8 @@ def make_card(
 
 
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
-    estimate = estimates.get(metric)
-    unit = METRICS[metric].unit
-    short = f" {unit}" if estimate and unit in ("s", "N") else ""
-    return estimate_cell(metric, estimate).text + short
+    text, unit = estimate_cell(metric, estimates.get(metric)).text, METRICS[metric].unit
+    return f"{text} {unit}" if metric in estimates and unit in ("s", "N") else text
 
 
 class Ending(StrEnum):
@@ -165,6 +156,11 @@ class Ending(StrEnum):
         ending = str.__new__(cls, value)
         ending._value_, ending.tone, ending.meaning = value, tone, meaning
         return ending
+
+    @property
+    def legend(self) -> LegendItem:
+        """Its color with its name."""
+        return LegendItem(self.value, self.tone, title=self.meaning)
 
     # In the order of every table.
     SUCCEEDED = "succeeded", "success", "the goal was reached"
@@ -200,16 +196,14 @@ def ending_of(episode: Episode) -> Ending:
 class BrowsedRun:
     """A run in the browser of a page.
 
-    ``path``: what ``replay`` takes as the run, wherever the page is. ``address``: of the run's
-    directory, relative to the page; a page that is opened from a disk shows the path it leads to.
-    ``viewers``: addresses of the viewers that this process made, by episode. What lies in a run's
-    directory may be a stranger's page, so it is not looked for. ``policy``: what ``evaluate``
-    takes, for a run whose actions are not kept; ``path`` is "" then.
+    ``address``: of the run's directory, relative to the page; a page that is opened from a disk
+    shows the path it leads to. ``viewers``: addresses of the viewers that this process made, by
+    episode. What lies in a run's directory may be a stranger's page, so it is not looked for.
+    ``policy``: what ``evaluate`` takes, for a run whose actions are not kept.
     """
 
     title: str
     run: Run
-    path: str = ""
     address: str = ""
     viewers: Mapping[str, str] = field(default_factory=dict)
     policy: str = ""
@@ -232,7 +226,6 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
         "runs": [
             {
                 "title": one.title,
-                "path": one.path,
                 "policy": one.policy,
                 "address": one.address,
                 "viewers": one.viewers,
@@ -246,7 +239,7 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
 
 def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
     """Yield the episodes of each role and task, a list per column."""
-    numbers = {ending: number for number, ending in enumerate(Ending)}
+    endings = list(Ending)
     for role, rows in run.by_role():
         for task in dict.fromkeys(row.task for row in rows if not tasks or row.task in tasks):
             episodes = [row for row in rows if row.task == task]
@@ -254,7 +247,7 @@ def _groups(run: Run, tasks: Collection[str]) -> Iterator[dict[str, Any]]:
             yield {
                 "key": task if role is Role.FINAL else f"exploration/{task}",
                 "index": [row.index for row in episodes],
-                "ending": [numbers[ending_of(row)] for row in episodes],
+                "ending": [endings.index(ending_of(row)) for row in episodes],
                 "steps": [row.steps for row in episodes],
                 "ticks": [row.touch_interaction for row in episodes],
                 "share": [_rounded("touch_share", row) for row in episodes],

@@ -7,7 +7,7 @@ CSV and JSON.
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from itertools import combinations, product
 from pathlib import Path
 from types import MappingProxyType
@@ -21,20 +21,13 @@ from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, TABLE4_METRICS, episode_row
 from minitouch_bench.reporting import labels, pages, report_tables, tables
-from minitouch_bench.reporting.charts import Figure, series_tone
-from minitouch_bench.reporting.figures import report_figures, split_figures
+from minitouch_bench.reporting.charts import Figure
+from minitouch_bench.reporting.figures import report_figures
 from minitouch_bench.reporting.maps import MappedTask, start_figure
 from minitouch_bench.reporting.tables import Block, Cell, Table
+from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run
-from minitouch_bench.text import printable
-
-
-@dataclass(frozen=True)
-class Video:
-    """A video beside the report: its caption, and its address relative to the report."""
-
-    caption: str
-    address: str
+from minitouch_bench.text import numbered, printable
 
 
 @dataclass(frozen=True)
@@ -42,7 +35,8 @@ class Report:
     """What every form of a report shows, ``with_paper`` beside the paper's values.
 
     ``metrics``: the rows of Table 4. ``novel_shapes``: the gaps and the families, empty where no
-    run has both splits. ``episodes``: what the page's browser shows.
+    run has both splits. ``episodes``: what the page's browser shows. ``videos``: captions by
+    address, relative to the report.
     """
 
     tasks: tuple[str, ...]
@@ -52,13 +46,13 @@ class Report:
     diagnostics: Table
     novel_shapes: tuple[Table, ...]
     episodes: Markup
-    videos: tuple[Video, ...]
+    videos: Mapping[str, str]
     with_paper: bool = True
 
 
 def build_report(
     runs: Sequence[Run],
-    videos: Sequence[Video] = (),
+    videos: Mapping[str, str] = MappingProxyType({}),
     *,
     names: Sequence[str] | None = None,
     tasks: Sequence[str] = (),
@@ -76,11 +70,9 @@ def build_report(
     those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values.
 
     Raises:
-        UsageError: no runs; runs of which a task was played by other rules; names that do not fit
+        UsageError: runs of which a task was played by other rules; names that do not fit
             the runs; a task that no run has, or a metric that does not exist.
     """
-    if not runs:
-        raise UsageError("a report needs at least one run")
     for first, other in combinations(runs, 2):
         if differing := first.header.rules_differ(other.header):
             raise UsageError(
@@ -103,7 +95,7 @@ def build_report(
         episodes=pages.browser_data(
             [_browsed(section, directory, viewers) for section in sections], tasks
         ),
-        videos=tuple(videos),
+        videos=videos,
         with_paper=with_paper,
     )
 
@@ -113,9 +105,9 @@ def _browsed(
 ) -> pages.BrowsedRun:
     run, there = section.run, section.run.directory
     if page is None or there is None:
-        return pages.BrowsedRun(section.name, run, "RUN")
+        return pages.BrowsedRun(section.name, run)
     known = {key: pages.relative_address(path, page) for key, path in viewers.items()}
-    return pages.BrowsedRun(section.name, run, "RUN", pages.relative_address(there, page), known)
+    return pages.BrowsedRun(section.name, run, pages.relative_address(there, page), known)
 
 
 def _protocol_of(run: Run) -> str:
@@ -158,15 +150,12 @@ def write_page(report: Report, directory: Path) -> None:
     files.write_file(directory / files.REPORT_PAGE, to_html(report))
 
 
-def find_videos(videos: Sequence[Path], directory: Path) -> tuple[Video, ...]:
-    """Describe video files for a report that will stand in ``directory``."""
-    return tuple(
-        Video(
-            caption=printable(file.stem.replace("_", " ")),
-            address=pages.relative_address(file, directory),
-        )
+def find_videos(videos: Sequence[Path], directory: Path) -> Mapping[str, str]:
+    """Return the captions of video files by their addresses in a report in ``directory``."""
+    return {
+        pages.relative_address(file, directory): printable(file.stem.replace("_", " "))
         for file in sorted(videos)
-    )
+    }
 
 
 def to_html(report: Report) -> str:
@@ -176,12 +165,7 @@ def to_html(report: Report) -> str:
         scripts=("theme.js", "episodes.js"),
         report=report,
         cards=tuple(report_card(report, task) for task in report.tasks),
-        figures=(
-            start_map(report),
-            *report_figures(report.sections, report.tasks, with_paper=report.with_paper),
-        ),
-        split_figures=split_figures(report.sections, report.tasks),
-        tones=tuple(series_tone(index) for index in range(len(report.sections))),
+        figures=(start_map(report), *report_figures(report.sections, report.tasks)),
     )
 
 
@@ -225,6 +209,10 @@ def view_directory(run: Path) -> Path:
 # The terminal
 
 
+SHOWN_EPISODES = 12
+"""Episodes named for one fault; a policy that always fails would fill the screen."""
+
+
 def show_report(report: Report, console: Console, *, diagnostics: bool = False) -> None:
     """Print the tables, ``diagnostics`` among them if asked for."""
     tables.show(report_blocks(report, diagnostics=diagnostics), console)
@@ -235,15 +223,17 @@ def report_blocks(report: Report, *, diagnostics: bool = False) -> Iterator[Bloc
     yield from (report.table4.block(group) for group, _ in report.table4.groups)
     yield from _notes(report.table4)
     for table in report.novel_shapes:
-        for group, _ in table.groups:
-            yield replace(table.block(group), title=f"{table.title}: {group}")
+        yield table
         yield from _notes(table)
     if diagnostics:
         yield report.diagnostics
         yield from _notes(report.diagnostics)
     if any(section.faults for section in report.sections):
         yield tables.Heading("Policy faults")
-    yield from (line for section in report.sections for line in labels.fault_lines(section))
+    for section in report.sections:
+        for text, episodes in section.faults.items():
+            times = numbered(len(episodes), "episode")
+            yield f"{section.name}: {text} ({times}: {first_of(episodes, SHOWN_EPISODES)})"
 
 
 def _notes(table: Table) -> Iterator[Block]:

@@ -17,7 +17,7 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import TABLE4_METRICS, Gap, Generalization, TaskResult
 from minitouch_bench.reporting import labels
 from minitouch_bench.reporting.labels import RunSection, estimate_cell, task_title
-from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table
+from minitouch_bench.reporting.tables import ABSENT, Cell, Column, Row, Table, make_columns
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
@@ -86,20 +86,16 @@ def table4(
             cells += mark_best(ours, METRICS[metric].direction_in(task))
             cells += (labels.paper_cell(task, metric, method) for method in methods)
         rows.append(Row((labels.metric_head(metric),), tuple(cells), _shared_unit(metric)))
+    shown = [cell for row in rows for cell in row.cells]
     notes = (
         *_label_notes(sections),
         f"Brackets: 95 % interval, {intervals_in_words(TABLE4_METRICS)}; "
         "episode variance only (one training seed).",
         *([labels.PAPER_NOTE] if printed else []),
-        *([labels.MARK_NOTE] if _has_mark(rows) else []),
+        *([labels.MARK_NOTE] if any(labels.MARK in cell.text for cell in shown) else []),
     )
-    has_best = any(cell.is_best for row in rows for cell in row.cells)
-    caption = BEST_NOTE if has_best else ""
+    caption = BEST_NOTE if any(cell.is_best for cell in shown) else ""
     return Table("Table 4", ("Metric",), tuple(columns), tuple(rows), notes, caption)
-
-
-def _has_mark(rows: Sequence[Row]) -> bool:
-    return any(labels.MARK in cell.text for row in rows for cell in row.cells)
 
 
 def _shared_unit(metric: str) -> str:
@@ -132,12 +128,11 @@ def _label_notes(sections: Sequence[RunSection]) -> tuple[str, ...]:
 def diagnostics(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
     """Lay out what explains the values of Table 4: contact, time, and how episodes ended."""
     rows = []
-    for task in tasks:
-        for section in sections:
-            summary = task_summary(section.run, task)
-            if summary is not None and summary.estimates:
-                heads = (task_title(task), section.marked_name)
-                rows.append(Row(heads, tuple(_diagnostic_cells(summary))))
+    for task, section in product(tasks, sections):
+        summary = task_summary(section.run, task)
+        if summary is not None and summary.estimates:
+            heads = (task_title(task), section.marked_name)
+            rows.append(Row(heads, tuple(_diagnostic_cells(summary))))
     return Table(
         title="Diagnostics",
         corner=("Task", "Policy"),
@@ -171,50 +166,63 @@ def _diagnostic_cells(summary: TaskResult) -> Iterator[Cell]:
 def novel_shapes(sections: Sequence[RunSection], tasks: Sequence[str]) -> tuple[Table, ...]:
     """Lay out the gaps and the families of the runs that have both splits; none without one."""
     compared = [section for section in sections if section.run.summary.generalization]
-    results = [result for section in compared for result in section.run.summary.generalization]
-    found = {result.task: result for result in results}
-    tasks = [task for task in tasks if task in found]
-    if not tasks:
+    policy = ("Policy",) if len(compared) > 1 else ()
+    gaps: list[Row] = []
+    families: list[Row] = []
+    for task, section in product(tasks, compared):
+        if result := find_generalization(section.run, task):
+            heads = (task_title(task), *((section.marked_name,) if policy else ()))
+            gaps += _gap_rows(heads, result)
+            families += _family_rows(heads, result)
+    if not gaps:
         return ()
-    return _gap_table(compared, tasks), _family_table(compared, [found[task] for task in tasks])
-
-
-def _gap_table(sections: Sequence[RunSection], tasks: Sequence[str]) -> Table:
-    """Lay out each metric on both splits, the gap and a verdict; a block per policy."""
-    columns: list[Column] = []
-    for section in sections:
-        name = section.marked_name
-        columns += (Column(label, name) for label in ("Held-out", "Train", "Gap"))
-        columns.append(Column("Verdict", name, is_text=True))
-    rows = []
-    for task in tasks:
-        found = [find_generalization(section.run, task) for section in sections]
-        gaps = [result.gaps if result else {} for result in found]
-        for metric in dict.fromkeys(name for one in gaps for name in one):
-            cells = tuple(cell for one in gaps for cell in gap_cells(task, metric, one.get(metric)))
-            heads = (task_title(task), labels.metric_head(metric, task))
-            rows.append(Row(heads, cells, METRICS[metric].unit_in(task)))
-    return Table(
-        title="Novel shapes",
-        corner=("Task", "Metric"),
-        columns=tuple(columns),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            "Held-out: shapes that training never sees. Gap: held-out minus train. Table 4 is over "
-            "both. Brackets: 95 % interval; of a gap Newcombe's for shares, otherwise bootstrap "
-            "over episodes.",
-            f"“{NO_DIFFERENCE}”: the interval contains 0, which does not prove that there is none. "
-            f"Each of the {len(rows)} rows is judged by itself: where there is no gap at all, one "
-            "interval in 20 still misses 0.",
+    labeled = _label_notes(compared)
+    return (
+        Table(
+            "Novel shapes",
+            ("Task", *policy, "Metric"),
+            make_columns("Held-out", "Train", "Gap", "Verdict", words=("Verdict",)),
+            tuple(gaps),
+            (
+                *labeled,
+                "Held-out: shapes that training never sees. Gap: held-out minus train. Table 4 is "
+                "over both. Brackets: 95 % interval; of a gap Newcombe's for shares, otherwise "
+                "bootstrap over episodes.",
+                f"“{NO_DIFFERENCE}”: the interval contains 0, which does not prove that there is "
+                f"none. Each of the {len(gaps)} rows is judged by itself: where there is no gap at "
+                "all, one interval in 20 still misses 0.",
+            ),
+        ),
+        Table(
+            "Novel shapes by family",
+            ("Task", *policy, "Family"),
+            make_columns("Held-out", "n", "Train", "n"),
+            tuple(families),
+            (*labeled, f"n: episodes. {ABSENT}: the run has no such shape in that split."),
         ),
     )
 
 
-def gap_cells(task: str, metric: str, gap: Gap | None) -> tuple[Cell, ...]:
+def _gap_rows(heads: tuple[str, ...], result: Generalization) -> Iterator[Row]:
+    for name, gap in result.gaps.items():
+        head = labels.metric_head(name, result.task)
+        unit = METRICS[name].unit_in(result.task)
+        yield Row((*heads, head), gap_cells(result.task, name, gap), unit)
+
+
+def _family_rows(heads: tuple[str, ...], result: Generalization) -> Iterator[Row]:
+    metric = METRICS[result.family_metric]
+    task = f"{heads[0]}: {metric.label.lower()}"
+    for family, both in result.families.items():
+        cells: list[Cell] = []
+        for estimate in (both.held_out, both.train):
+            count = estimate.count if estimate else 0
+            cells += (estimate_cell(metric.name, estimate), Cell(str(count)))
+        yield Row((task, *heads[1:], printable(family)), tuple(cells), metric.unit)
+
+
+def gap_cells(task: str, metric: str, gap: Gap) -> tuple[Cell, ...]:
     """Write one metric's held-out and train values, the gap and the verdict."""
-    if gap is None:
-        return (Cell(),) * 4
     return (
         estimate_cell(metric, gap.held_out),
         estimate_cell(metric, gap.train),
@@ -231,46 +239,3 @@ def gap_in_words(task: str, metric: str, difference: Estimate) -> str:
     if direction == NO_DIRECTION:
         return f"{'more' if higher else 'less'} on held-out"
     return f"{'better' if higher == (direction == UP) else 'worse'} on held-out"
-
-
-def _family_table(sections: Sequence[RunSection], examples: Sequence[Generalization]) -> Table:
-    """Lay out the families' values: families down, tasks across, a row per policy.
-
-    ``examples``: for each task one run's result, which names the task and the metric.
-    """
-    columns: list[Column] = []
-    for example in examples:
-        metric = METRICS[example.family_metric]
-        unit = "" if metric.is_fraction else f" ({metric.unit})"
-        group = f"{task_title(example.task)}: {metric.label.lower()}{unit}"
-        columns += (Column(label, group) for label in ("Held-out", "n", "Train", "n"))
-    results = [result for section in sections for result in section.run.summary.generalization]
-    single = len(sections) == 1
-    rows = []
-    for family in sorted({name for result in results for name in result.families}):
-        for section in sections:
-            heads = (printable(family),) if single else (printable(family), section.marked_name)
-            found = (find_generalization(section.run, example.task) for example in examples)
-            cells = (cell for result in found for cell in _family_cells(result, family))
-            rows.append(Row(heads, tuple(cells)))
-    return Table(
-        title="Novel shapes by family",
-        corner=("Family",) if single else ("Family", "Policy"),
-        columns=tuple(columns),
-        rows=tuple(rows),
-        notes=(
-            *_label_notes(sections),
-            f"n: episodes. {ABSENT}: the run has no such shape in that split.",
-        ),
-    )
-
-
-def _family_cells(result: Generalization | None, family: str) -> Iterator[Cell]:
-    """Yield a family's value and number of episodes on held-out and on train shapes."""
-    if result is None:
-        yield from (Cell(),) * 4
-        return
-    both = result.families.get(family)
-    for estimate in (both.held_out, both.train) if both else (None, None):
-        yield estimate_cell(result.family_metric, estimate)
-        yield Cell(str(estimate.count if estimate else 0))

@@ -4,7 +4,6 @@ A text for a terminal or for Markdown is a list of blocks: headings, lines, tabl
 """
 
 import csv
-import html
 import io
 import re
 from collections import Counter
@@ -27,29 +26,19 @@ ABSENT = "—"
 
 
 @dataclass(frozen=True)
-class Gauge:
-    """An estimate on a scale from 0 to 1, with a mark for comparison, all in percent."""
-
-    value: float
-    low: float
-    high: float
-    mark: float | None
-
-
-@dataclass(frozen=True)
 class Cell:
     """A value as text.
 
     ``small`` is printed below or behind the value: its interval, or a mark. ``title`` says how
-    both were made. A sort goes by ``sort_key``. A value that ``is_best`` is bold,
-    but not on a terminal.
+    both were made. A sort goes by ``sort_key``. A page draws ``gauge`` below. A value that
+    ``is_best`` is bold, but not on a terminal.
     """
 
     text: str = ABSENT
     small: str = ""
     title: str = ""
     sort_key: float | None = None
-    gauge: Gauge | None = None
+    gauge: str = ""
     is_best: bool = False
 
     def __str__(self) -> str:
@@ -157,10 +146,6 @@ INDENT, GAP = 1, 2
 
 def show(blocks: Iterable[Block], console: Console) -> None:
     """Print blocks. No number is cut on a narrow screen; text is never read as markup."""
-    console.print(_on_screen(blocks, console.width), crop=False)
-
-
-def _on_screen(blocks: Iterable[Block], width: int) -> Group:
     parts: list[RenderableType] = []
     for block in blocks:
         match block:
@@ -169,12 +154,12 @@ def _on_screen(blocks: Iterable[Block], width: int) -> Group:
             case NoteBlock():
                 parts.append(Constrain(Text(block.text, style="dim"), NOTE_WIDTH))
             case Table():
-                drawn = _screen_tables(block, width - INDENT + GAP)  # the last one needs no gap
+                drawn = _screen_tables(block, console.width - INDENT + GAP)  # no gap after the last
                 parts += [Text(block.title, style="bold")]
                 parts += [Padding(one, (0, 0, 0, INDENT), expand=False) for one in drawn]
             case _:
                 parts.append(Text(block))
-    return Group(*parts)
+    console.print(Group(*parts), crop=False)
 
 
 def as_text(blocks: Iterable[Block]) -> str:
@@ -183,46 +168,6 @@ def as_text(blocks: Iterable[Block]) -> str:
     console = Console(width=PAGE_WIDTH, file=io.StringIO(), record=True, force_jupyter=False)
     show(blocks, console)
     return "\n".join(line.rstrip() for line in console.export_text().splitlines())
-
-
-def as_html(blocks: Iterable[Block]) -> str:
-    """Return the blocks for a notebook, which has a style of its own for tables."""
-    return "".join(map(_html_block, blocks))
-
-
-def _html_block(block: Block) -> str:
-    match block:
-        case Heading():
-            return f"<h4>{_escape_html(block.text)}</h4>"
-        case NoteBlock():
-            return f"<p><small>{_escape_html(block.text)}</small></p>"
-        case Table():
-            return f"<p><b>{_escape_html(block.title)}</b></p>{_html_table(block)}"
-        case _:
-            return f"<p>{_escape_html(block)}</p>" if block else ""
-
-
-def _html_table(table: Table) -> str:
-    columns = (*make_columns(*table.corner, words=table.corner), *table.columns)
-    lines = [
-        _html_row("th", columns, (f"{c.label} (paper)" if c.is_paper else c.label for c in columns))
-    ]
-    lines += (_html_row("td", columns, (*row.heads, *map(str, row.cells))) for row in table.rows)
-    return f"<table>{''.join(lines)}</table>"
-
-
-def _html_row(kind: str, columns: Iterable[Column], texts: Iterable[str]) -> str:
-    cells = []
-    for column, text in zip(columns, texts, strict=True):
-        shown = _escape_html(text)
-        shown = f"<code>{shown}</code>" if column.is_code and kind == "td" else shown
-        side = "left" if column.is_text else "right"
-        cells.append(f'<{kind} style="text-align:{side}">{shown}</{kind}>')
-    return f"<tr>{''.join(cells)}</tr>"
-
-
-def _escape_html(text: str) -> str:
-    return html.escape(printable(text))
 
 
 @dataclass(frozen=True)
@@ -246,14 +191,11 @@ class _ScreenColumn:
     @property
     def least(self) -> int:
         """The same on a narrow screen."""
-        words, numbers = self.head.split(), [part for one in self.cells for part in _parts(one)]
+        words = self.head.split()
+        numbers = [part for cell in self.cells for part in (cell.text, cell.small)]
         if self.column.is_text:
             words, numbers = [*words, *(word for part in numbers for word in part.split())], []
         return GAP + max(min(_longest(words), WORD_WIDTH), _longest(numbers))
-
-
-def _parts(cell: Cell) -> tuple[str, str]:
-    return cell.text, cell.small
 
 
 def _longest(texts: Iterable[str]) -> int:
@@ -319,7 +261,7 @@ def code_span(text: str) -> str:
 
 
 def as_markdown(blocks: Iterable[Block]) -> list[str]:
-    """Return the lines of a page."""
+    """Return the lines of a page, which a notebook shows too."""
     lines: list[str] = []
     for block in blocks:
         match block:

@@ -22,32 +22,33 @@ EPISODES = 20
 HEIGHT = 112
 TRAINING, EVALUATION = charts.series_tone(0), charts.series_tone(1)
 
-FIGURES = {
-    "shares": (
+FIGURES = (
+    (
         "What it does",
         f"Success over at least {EPISODES} training episodes, touch share over the control "
         "steps between two rows; evaluation on episodes of their own. Force: mean over the control "
         "steps of the larger of the two fingers' forces; a finger in free air reads about "
         f"{FREE_AIR:g} N. The upright line is where the task's reward takes over.",
+        {"success": "Success", "touch_share": "Touch share", "force": "Force, N"},
     ),
-    "rewards": ("What it is paid", "Means between two rows of progress.csv."),
-    "inside": ("How it learns", "Means over the gradient steps between rows."),
-}
-"""Title and text of each figure, by its key."""
-
-PLOTS = {
-    "success": ("shares", "Success"),
-    "touch_share": ("shares", "Touch share"),
-    "force": ("shares", "Force, N"),
-    "intrinsic_reward": ("rewards", "Intrinsic reward"),
-    "task_reward": ("rewards", "Task reward per step"),
-    "curiosity_loss": ("inside", "Curiosity loss"),
-    "critic_loss": ("inside", "Critic loss"),
-    "value": ("inside", "Value"),
-    "entropy": ("inside", "Entropy, nats"),
-    "temperature": ("inside", "Temperature"),
-}
-"""Figure and caption of each column of ``progress.csv`` that is drawn."""
+    (
+        "What it is paid",
+        "Means between two rows of progress.csv.",
+        {"intrinsic_reward": "Intrinsic reward", "task_reward": "Task reward per step"},
+    ),
+    (
+        "How it learns",
+        "Means over the gradient steps between rows.",
+        {
+            "curiosity_loss": "Curiosity loss",
+            "critic_loss": "Critic loss",
+            "value": "Value",
+            "entropy": "Entropy, nats",
+            "temperature": "Temperature",
+        },
+    ),
+)
+"""Title and text of each figure, and the captions of the columns of ``progress.csv`` in it."""
 
 
 def training_page(directory: Path) -> str:
@@ -59,12 +60,11 @@ def training_page(directory: Path) -> str:
     both = (charts.LegendItem("training", TRAINING), charts.LegendItem("evaluation", EVALUATION))
     is_evaluated = rows.filter(like="evaluation_").notna().any(axis=None)
     figures = []
-    for key, (title, text) in FIGURES.items():
-        columns = {name: caption for name, (figure, caption) in PLOTS.items() if figure == key}
-        plots = [plot for item in columns.items() if (plot := _plot(rows, *item))]
+    for number, (title, text, columns) in enumerate(FIGURES):
+        plots = tuple(plot for item in columns.items() if (plot := _plot(rows, *item)))
+        legend = both if is_evaluated and number == 0 else ()
         if plots:
-            legend = both if key == "shares" and is_evaluated else ()
-            figures.append(charts.Figure(key, title, text, tuple(plots), legend))
+            figures.append(charts.Figure(f"figure-{number}", title, text, plots, legend))
     settings = read_file(directory / "config.toml").decode()
     return render_page(
         TEMPLATES / "training.html.j2",

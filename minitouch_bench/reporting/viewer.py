@@ -20,7 +20,6 @@ from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
-from minitouch_bench.reporting.charts import series_tone
 from minitouch_bench.reporting.labels import run_names, task_title
 from minitouch_bench.reporting.pages import TEMPLATES, Ending, ending_of, render_page
 from minitouch_bench.reporting.tables import rows_csv
@@ -79,9 +78,8 @@ def quantity_of(film: Film) -> Quantity:
 
 def _displacement(film: Film) -> NDArray[np.float64]:
     """Return how far the object is from its start, in cm, or the door, in degrees: T + 1 values."""
-    moved = np.linalg.norm(
-        film.played.trace.object_state - film.played.trace.object_state[0], axis=1
-    )
+    state = film.played.trace.object_state
+    moved = np.linalg.norm(state - state[0], axis=1)
     return np.degrees(moved) if film.played.spec.task == OPENING.name else 100 * moved
 
 
@@ -96,7 +94,7 @@ def ending_in_words(film: Film, fault: str = "") -> str:
     elif touching[-1] < steps * 3 / 4:
         contact += f", the last time at step {touching[-1]}"
     if fault:
-        return f"The policy failed after {numbered(steps, 'step')}: {fault}"
+        return f"The policy failed after {numbered(steps, 'step')}: {printable(fault)}"
     if outcome is Outcome.SUCCESS:
         return f"Success at step {steps}; {contact}."
     if outcome is Outcome.LEFT_WORKSPACE:
@@ -200,8 +198,7 @@ class ReplayedEpisode:
     @property
     def words(self) -> str:
         """How it ended in one sentence, with the likeliest reason where it failed."""
-        fault = self.run.faults.get(self.film.played.spec.key, "")
-        return ending_in_words(self.film, printable(fault))
+        return ending_in_words(self.film, self.run.faults.get(self.film.played.spec.key, ""))
 
     @property
     def conditions(self) -> Perturbation:
@@ -226,20 +223,16 @@ class ReplayedEpisode:
         }
 
 
-def episode_page(
-    run: Run, film: Film, *, is_as_recorded: bool, beside: ReplayedEpisode | None = None
-) -> EpisodePage:
-    """Compose the page of an episode; ``is_as_recorded``: the replay gave the recorded bits.
-
-    ``beside``: the same episode in another run, on the same time axis.
-    """
-    spec = film.played.spec
+def episode_page(one: ReplayedEpisode, beside: ReplayedEpisode | None = None) -> EpisodePage:
+    """Compose the page of an episode, ``beside`` the same one in another run on one time axis."""
+    spec = one.film.played.spec
     title = f"{task_title(spec.task)}, episode {spec.index}"
-    shown = [ReplayedEpisode(run, film, is_as_recorded), *([beside] if beside else [])]
-    names = run_names([one.run for one in shown])
+    shown = [one, beside] if beside else [one]
+    names = run_names([part.run for part in shown])
+    goal = PROTOCOL.task(spec.task).goal
     data = {
         "limit": PROTOCOL.task(spec.task).force_limit,
-        "tracks": [one.track(name) for one, name in zip(shown, names, strict=True)],
+        "tracks": [part.track(name) for part, name in zip(shown, names, strict=True)],
     }
     html = render_page(
         TEMPLATES / "viewer.html.j2",
@@ -248,19 +241,12 @@ def episode_page(
         title=title,
         shown=shown,
         names=names,
-        tones=[series_tone(index) for index in range(len(shown))],
-        run=run,
+        run=one.run,
         spec=spec,
-        goal=_goal(spec.task),
+        goal=f"{AIMS[spec.task]} Success: {goal}." if goal else AIMS[spec.task],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
     )
-    return EpisodePage(f"{' beside '.join(one.run.name for one in shown)}: {title}", html)
-
-
-def _goal(task: str) -> str:
-    """Return what a policy is to do, and what counts as success."""
-    goal = PROTOCOL.task(task).goal
-    return f"{AIMS[task]} Success: {goal}." if goal else AIMS[task]
+    return EpisodePage(f"{' beside '.join(part.run.name for part in shown)}: {title}", html)
 
 
 def _marks(film: Film) -> Iterator[Mapping[str, Any]]:

@@ -29,8 +29,11 @@ from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import (
     Summary,
     TaskResult,
+    episodes_frame,
     measure,
     summarize,
+    summary_html,
+    table4_frame,
     with_curves,
 )
 from minitouch_bench.protocol.minitouch import PROTOCOL, TASK_NAMES
@@ -177,15 +180,11 @@ class Run:
     @property
     def episodes(self) -> "pd.DataFrame":
         """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
-        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
-
         return episodes_frame(self.rows)
 
     @property
     def exploration_episodes(self) -> "pd.DataFrame":
         """The episodes of the exploration policy; no rows without one."""
-        from minitouch_bench.metrics.frames import episodes_frame  # noqa: PLC0415  pandas
-
         return episodes_frame(self.exploration_rows)
 
     def table4(self) -> "pd.DataFrame":
@@ -193,8 +192,6 @@ class Run:
 
         Each task has the columns ``value``, ``low`` and ``high`` (95 %), NaN without estimate.
         """
-        from minitouch_bench.metrics.frames import table4_frame  # noqa: PLC0415  pandas
-
         return table4_frame(self.summary)
 
     def __getitem__(self, task: str) -> TaskResult:
@@ -213,9 +210,7 @@ class Run:
         return "\n\n".join([printable(title), *(str(one) for one in self.summary.tasks)])
 
     def _repr_html_(self) -> str:
-        from minitouch_bench.metrics.frames import results_html  # noqa: PLC0415  pandas
-
-        return results_html(str(self).partition("\n")[0], self.summary.tasks)
+        return summary_html(str(self).partition("\n")[0], self.summary)
 
     def __repr__(self) -> str:
         label = "official" if self.header.official else "unofficial"

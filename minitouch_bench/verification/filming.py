@@ -128,8 +128,7 @@ def show_episode(run: Run, key: str) -> EpisodePage:
         UsageError: the run has no such episode, or cannot be replayed here.
         RunDirectoryError: a file of it is missing or damaged.
     """
-    one = replay_episode(run, key)
-    return episode_page(one.run, one.film, is_as_recorded=one.is_as_recorded)
+    return episode_page(replay_episode(run, key))
 
 
 def replay_episode(run: Run, key: str) -> ReplayedEpisode:
@@ -167,8 +166,7 @@ def film_to_files(run: Run, job: tuple[EpisodeSpec, Iterable[Path]]) -> PlayedEp
     film = film_episode(Recording.of(run, [spec]), spec)
     for path in paths:
         if path.suffix == ".html":
-            is_same = is_as_recorded(run, film.played)
-            episode_page(run, film, is_as_recorded=is_same).save(path)
+            episode_page(ReplayedEpisode(run, film, is_as_recorded(run, film.played))).save(path)
         elif path.suffix == ".csv":
             write_file(path, episode_csv(run, film))
         else:

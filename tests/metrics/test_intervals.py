@@ -33,26 +33,17 @@ def test_wilson_gives_the_published_values(successes, n, low, high):
     assert (estimate.count, estimate.method) == (n, "wilson")
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 100, 10_000])
-def test_wilson_has_a_width_and_stays_in_0_to_1(n):
-    for successes in range(0, n + 1, max(1, n // 50)):
-        estimate = wilson(successes, n)
-        assert 0 <= estimate.low <= estimate.value <= estimate.high <= 1
-        assert estimate.high - estimate.low > 0
-
-
-@pytest.mark.parametrize(("share", "n"), [(0.5, 50), (0.75, 100), (0.891, 100), (0.3, 200)])
-def test_wilson_covers_the_truth_95_percent_of_the_time(share, n):
-    drawn = np.random.default_rng(0).binomial(n, share, 4000)
-    by_count = {int(count): wilson(int(count), n) for count in np.unique(drawn)}
-    covered = [by_count[int(count)].low <= share <= by_count[int(count)].high for count in drawn]
-    assert 0.93 <= np.mean(covered) <= 0.97
-
-
-def test_bootstrap_covers_the_truth_95_percent_of_the_time():
+@pytest.mark.parametrize(
+    ("draw", "truth"),
+    [
+        (lambda rng: [rng.poisson(3, 100)], 3),
+        (lambda rng: [rng.normal(5, 2, 100), rng.poisson(3, 80)], 2),
+    ],
+)
+def test_bootstrap_covers_the_truth_95_percent_of_the_time(draw, truth):
     rng = np.random.default_rng(7)
-    estimates = [bootstrap([rng.poisson(3, 100)], rng, resamples=500) for _ in range(800)]
-    assert 0.93 <= np.mean([e.low <= 3 <= e.high for e in estimates]) <= 0.97
+    found = [bootstrap(draw(rng), rng, resamples=400) for _ in range(800)]
+    assert 0.93 <= np.mean([e.low <= truth <= e.high for e in found]) <= 0.97
 
 
 def steps(rng, success):
@@ -77,18 +68,11 @@ def rare(rng, share, signs):
 
 
 SKEWED = {
-    "steps, 80 % succeed": (lambda rng: steps(rng, 0.8), None, 0.93),
     "steps, 95 % succeed": (lambda rng: steps(rng, 0.95), None, 0.93),
-    "touch in all": (lambda rng: touch(rng, 1.0), 200.0, 0.93),
     "touch in 30 %": (lambda rng: touch(rng, 0.3), 60.0, 0.93),
     "touch, heavy tails": (lambda rng: heavy(rng, 5), np.exp(5.18), 0.93),
     "paired, skewed": (lambda rng: rng.gamma(0.5, 40, 100) - 20, 0.0, 0.89),
     "paired steps": (lambda rng: steps(rng, 0.7) - steps(rng, 0.8), None, 0.89),
-    "paired touch": (
-        lambda rng: heavy(rng, 5) - heavy(rng, 5.2),
-        np.exp(5.18) - np.exp(5.38),
-        0.89,
-    ),
     "a tenth differ, one way": (lambda rng: rare(rng, 0.1, [1]), 6.0, 0.89),
     "a fifth differ, both ways": (lambda rng: rare(rng, 0.2, [-1, 1]), 0.0, 0.89),
 }
@@ -106,19 +90,14 @@ def test_bootstrap_covers_the_truth_of_skewed_episodes(draw):
     assert least <= covered <= 0.97
 
 
-def test_bootstrap_repeats_with_the_seed():
+def test_bootstrap_repeats_with_the_seed_and_stays_inside_the_values():
     values = np.random.default_rng(1).gamma(2, 30, 80)
     first = bootstrap([values], np.random.default_rng(5))
     assert first == bootstrap([values], np.random.default_rng(5))
     assert first != bootstrap([values], np.random.default_rng(6))
     assert first.low < first.value < first.high
     assert (first.count, first.method) == (80, "bootstrap")
-
-
-def test_bootstrap_stays_inside_the_values():
-    estimate = bootstrap([[0, 0, 0, 90]], np.random.default_rng(0))
-    assert estimate.low >= 0
-    assert estimate.high <= 90
+    assert bootstrap([[0, 0, 0, 90]], np.random.default_rng(0)).low >= 0
 
 
 def test_newcombe_gives_the_published_values():
@@ -155,15 +134,6 @@ def test_newcombe_covers_the_truth_95_percent_of_the_time(held_out, train):
     found = [newcombe(wilson(int(one), n), wilson(int(other), n)) for one, other in pairs]
     covered = [estimate.low <= held_out - train <= estimate.high for estimate in found]
     assert 0.93 <= np.mean(covered) <= 0.97
-
-
-def test_bootstrap_of_a_difference_covers_the_truth_95_percent_of_the_time():
-    rng = np.random.default_rng(7)
-    found = [
-        bootstrap((rng.normal(5, 2, 100), rng.poisson(3, 80)), rng, resamples=400)
-        for _ in range(800)
-    ]
-    assert 0.93 <= np.mean([e.low <= 2 <= e.high for e in found]) <= 0.97
 
 
 def test_bootstrap_of_equal_values_has_no_width():
@@ -231,20 +201,13 @@ def test_five_seeds_cover_the_truth_as_the_documentation_says(draw):
 def test_means_over_seeds_are_no_narrower_than_over_all_episodes():
     rng = np.random.default_rng(0)
     one = bootstrap([rng.normal(3, 1, 50)], rng)
-    equal = over_seeds([one] * 2, (0.0, math.inf))
-    episodes = quadrature([one] * 2)
+    equal, episodes = over_seeds([one] * 2, (0.0, math.inf)), quadrature([one] * 2)
     assert (equal.low, equal.high) == (episodes.low, episodes.high)
+    assert episodes.value == pytest.approx(one.value)
+    assert episodes.high - episodes.low == pytest.approx((one.high - one.low) / 2**0.5)
 
 
 def test_sums_are_the_same_on_every_python():
     """``sum`` compensates rounding since Python 3.12."""
     assert quadrature([Estimate(0.1, 0.0, 0.2, 1, "wilson")] * 10).value == 0.1
     assert student_mean([0.1] * 10, UNIT).value == 0.1
-
-
-def test_quadrature_joins_independent_errors():
-    parts = [wilson(50, 100), wilson(50, 100)]
-    joined = quadrature(parts)
-    assert joined.value == 0.5
-    width = parts[0].high - parts[0].low
-    assert joined.high - joined.low == pytest.approx(width / 2**0.5)

@@ -17,7 +17,7 @@ METRICS["long_episode"] = Metric(
     "long_episode", "Long episode", "share of episodes", "D", ".3f", "episodes beyond 100 steps",
     direction=DOWN, needs_goal=True, statistic=SHARE, added_later=True,
     derive=lambda episode: episode.steps > 100,
-    shown_in=frozenset({ShownIn.TABLE4, ShownIn.NOVEL_SHAPES}),
+    shown_in=ShownIn.TABLE4 | ShownIn.NOVEL_SHAPES,
 )
 
 from minitouch_bench.leaderboard import fresh
@@ -86,24 +86,21 @@ def test_it_is_estimated_with_its_own_interval(root):
         assert found["method"] == "wilson"
 
 
-@pytest.mark.parametrize(
-    "page", ["report.md", "report.html", "report.tex", "novel.html", "compare.txt", "regress.md"]
-)
-def test_it_is_in_every_table_of_runs(root, page):
-    assert "Long episode" in (root / page).read_text()
+def test_it_is_in_every_table(root):
+    for page in (
+        "report.md", "report.html", "report.tex", "novel.html", "compare.txt", "regress.md",
+        "board/index.html", "board/submission/seeds.html",
+    ):  # fmt: skip
+        assert "Long episode" in (root / page).read_text(), page
 
 
 def test_two_policies_are_compared_by_its_own_test(root):
     (pair,) = json.loads((root / "compare.json").read_text())["pairs"]
-    found = {
-        m["effect"]["task"]: m for m in pair["metrics"] if m["effect"]["metric"] == "long_episode"
-    }
-    assert found.keys() == {"pushing", "opening", "pick-up"}  # no mean over tasks
-    for metric in found.values():
-        effect, difference = metric["effect"], metric["effect"]["difference"]
-        assert difference["value"] == pytest.approx(effect["second"] - effect["first"])
-        assert difference["low"] <= difference["value"] <= difference["high"]
-        assert difference["method"] == "tango"
+    effects = [m["effect"] for m in pair["metrics"] if m["effect"]["metric"] == "long_episode"]
+    assert {one["task"] for one in effects} == {"pushing", "opening", "pick-up"}  # no mean of them
+    assert {one["difference"]["method"] for one in effects} == {"tango"}
+    for one in effects:
+        assert one["difference"]["value"] == pytest.approx(one["second"] - one["first"])
 
 
 def test_it_is_on_the_board(root):
@@ -112,9 +109,6 @@ def test_it_is_on_the_board(root):
     for row in board["ranked"]:
         for task in ("pushing", "opening", "pick-up"):
             assert row["figures"][task]["long_episode"]["high"] > 0
-    for name in ("leaderboard.md", "index.html", "submission/seeds.html"):
-        text = (root / "board" / name).read_text()
-        assert "Long episode" in text or "long_episode" in text
 
 
 def test_stored_runs_stay_valid(root):

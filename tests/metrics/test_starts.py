@@ -65,13 +65,13 @@ def test_what_cannot_be_tested_is_not_one_of_the_family():
 
 
 def test_shapes_and_yaws_are_bins_where_there_are_several():
-    words = [one.words for one in start_bins("pick-up", SCENES["pick-up"])]
+    words = [words for words, _ in start_bins("pick-up", SCENES["pick-up"])]
     families = {row.family for row in SCENES["pick-up"]}
     assert {f"the shape is of the family {family}" for family in families} <= {*words}
     assert sum("turned" in text for text in words) == 8
-    assert not any("turned" in one.words for one in start_bins("pushing", SCENES["pushing"]))
-    distances = [one.members.sum() for one in start_bins("pushing", SCENES["pushing"])][:4]
-    assert distances == [25] * 4
+    pushing = dict(start_bins("pushing", SCENES["pushing"]))
+    assert not any("turned" in text for text in pushing)
+    assert [members.sum() for members in pushing.values()][:4] == [25] * 4
 
 
 def test_reports_without_dependence_say_nothing_and_a_clear_case_is_found():

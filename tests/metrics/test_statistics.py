@@ -47,12 +47,6 @@ def paired_mean(differences, generator):
     return MEAN.paired_test(np.zeros(len(differences)), differences, generator)
 
 
-def test_no_difference_anywhere_has_no_width_and_is_no_surprise():
-    found = paired_mean(np.zeros(30), rng())
-    assert (found.estimate.low, found.estimate.value, found.estimate.high) == (0, 0, 0)
-    assert found.p_value == 1.0
-
-
 @pytest.mark.parametrize("n", [2, 5, 100])
 def test_one_difference_alone_proves_nothing_and_has_a_bounded_interval(n):
     values = np.zeros(n)
@@ -60,12 +54,13 @@ def test_one_difference_alone_proves_nothing_and_has_a_bounded_interval(n):
     found = paired_mean(values, rng())
     assert found.p_value == 1.0
     assert -150 <= found.estimate.low <= 0 < found.estimate.high <= 150
-    assert np.isfinite([found.estimate.low, found.estimate.high]).all()
+    same = paired_mean(np.zeros(n), rng())
+    assert (same.estimate.low, same.estimate.value, same.estimate.high) == (0, 0, 0)
+    assert same.p_value == 1.0
 
 
 def test_few_episodes_cannot_be_significant():
-    assert paired_mean(np.array([10.0, 12, 9, 11, 10]), rng()).p_value >= 2 / 32
-    assert sign_flip_p(np.array([10.0, 12, 9, 11, 10]), rng()) == 2 / 32
+    assert paired_mean(np.array([10.0, 12, 9, 11, 10]), rng()).p_value == 2 / 32
 
 
 def test_signs_are_tried_all_or_drawn_with_the_same_result():
@@ -126,15 +121,6 @@ RATES = [(0.02, 0.02), (0.05, 0.05), (0.1, 0.05), (0.1, 0.1), (0.2, 0.1), (0.3, 
 @pytest.mark.parametrize("n", [100, 200])
 def test_tango_covers_the_truth_95_percent_of_the_time(n, rates):
     assert 0.93 <= coverage(n, *rates) <= 0.97
-
-
-def test_the_coverage_that_is_summed_is_that_of_the_interval():
-    rng, rates = np.random.default_rng(0), (0.2, 0.1)
-    drawn = rng.multinomial(60, (*rates, 0.7), 2000)
-    known = {(lost, won): tango(lost, won, 60) for lost, won, _ in drawn.tolist()}
-    found = [known[lost, won] for lost, won, _ in drawn.tolist()]
-    covered = np.mean([one.low <= -0.1 <= one.high for one in found])
-    assert covered == pytest.approx(coverage(60, *rates), abs=0.015)
 
 
 def test_holm_gives_the_textbook_s_values():

@@ -5,11 +5,10 @@ import pytest
 
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Start, Trace
 from minitouch_bench.metrics.definitions import METRICS
-from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, measure
+from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, measure, summarize
 from tests.reporting.synthetic import (
     make_run,
     measured,
-    of_tasks,
     rows_of,
     summary_of,
     with_fault,
@@ -40,25 +39,19 @@ def make_trace() -> Trace:
 
 
 def test_every_metric_follows_its_definition():
-    metrics = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, make_trace()))
-    assert (metrics.task, metrics.index, metrics.seed) == ("pushing", 3, 42)
-    assert metrics.shape == "mug-017"
-    assert metrics.success
-    assert metrics.outcome is Outcome.SUCCESS
-    assert metrics.steps == 3
-    assert metrics.episode_return == 25
-    assert metrics.touch_interaction == 42
-    assert metrics.touch_onsets == 3
-    assert metrics.touch_steps == 2
-    assert metrics.touch_variance == pytest.approx(1 / 6)
-    assert metrics.object_movement == pytest.approx(1.25)
-    assert metrics.first_touch_tick == 36
-    assert METRICS["time_to_first_touch"].value(metrics) == 0.15
-    assert metrics.ticks == 180
-    assert METRICS["arm_time"].value(metrics) == 0.75
-    assert metrics.clipped_actions == 2
-    assert metrics.start == START
-    assert (metrics.peak_force, metrics.contact_force) == (2, 1)  # steps 1 and 2 touch
+    found = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, make_trace()))
+    assert (found.task, found.index, found.seed, found.shape) == ("pushing", 3, 42, "mug-017")
+    assert (found.outcome, found.success, found.start) == (Outcome.SUCCESS, True, START)
+    assert (found.steps, found.ticks, found.episode_return, found.clipped_actions) == (
+        3, 180, 25, 2,
+    )  # fmt: skip
+    assert (found.touch_interaction, found.touch_onsets, found.touch_steps) == (42, 3, 2)
+    assert found.touch_variance == pytest.approx(1 / 6)
+    assert found.object_movement == pytest.approx(1.25)
+    assert found.first_touch_tick == 36
+    assert METRICS["time_to_first_touch"].value(found) == 0.15
+    assert METRICS["arm_time"].value(found) == 0.75
+    assert (found.peak_force, found.contact_force) == (2, 1)  # steps 1 and 2 touch
 
 
 def test_forces_are_those_of_the_harder_finger_while_it_touches():
@@ -72,35 +65,25 @@ def test_forces_are_those_of_the_harder_finger_while_it_touches():
     assert (metrics.peak_force, metrics.contact_force) == (None, None)
 
 
-def test_a_door_moves_in_its_one_angle():
-    trace = replace(make_trace(), object_state=np.array([[0.0], [0.4], [0.0], [0.4]]))
-    assert measure(
-        PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, trace)
-    ).object_movement == pytest.approx(0.04)
-
-
-@pytest.mark.parametrize("samples", [0, 1])
-def test_an_episode_without_steps_has_zeros(samples):
-    record = with_fault(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, make_trace()), "raised")
-    felt, state = record.trace.touch[:samples], record.trace.object_state[:samples]
-    metrics = measure(replace(record, trace=replace(record.trace, touch=felt, object_state=state)))
+def test_an_episode_without_steps_has_zeros():
+    record = PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, make_trace())
+    metrics = measure(with_fault(record, "raised"))
     assert metrics.first_touch_tick is None
     assert METRICS["time_to_first_touch"].value(metrics) is None
     assert (metrics.steps, metrics.episode_return, metrics.touch_interaction) == (0, 0, 0)
     assert (metrics.touch_variance, metrics.object_movement, metrics.ticks) == (0, 0, 0)
 
 
-def test_long_contact_does_not_overflow_int16():
+def test_long_contact_of_a_door_does_not_overflow_int16():
     steps = 2000
+    ticks, touch = np.full(steps, 100, np.int16), np.zeros((steps + 1, 11), np.float32)
+    angles = np.array([[0.0], [0.4], [0.0], [0.4]])
     trace = replace(
-        make_trace(),
-        contact_ticks=np.full(steps, 100, np.int16),
-        ticks=np.full(steps, 100, np.int16),
-        touch=np.zeros((steps + 1, 11), np.float32),
+        make_trace(), contact_ticks=ticks, ticks=ticks, touch=touch, object_state=angles
     )
     metrics = measure(PlayedEpisode(SPEC, Outcome.STEP_LIMIT, START, trace))
-    assert metrics.touch_interaction == 200_000
-    assert metrics.ticks == 200_000
+    assert metrics.touch_interaction == metrics.ticks == 200_000
+    assert metrics.object_movement == pytest.approx(0.04)
 
 
 def by_task(run, seed: int = 3):
@@ -109,23 +92,20 @@ def by_task(run, seed: int = 3):
 
 def test_other_tasks_do_not_change_an_estimate():
     run = make_run(episodes=8)
-    assert by_task(of_tasks(run, "opening"))["opening"] == by_task(run)["opening"]
+    episodes = (rows_of(run), rows_of(run, Role.EXPLORATION), 3)
+    (alone,) = summarize(("opening",), *episodes).tasks
+    assert alone in summarize(run.plan.tasks, *episodes).tasks
 
 
-def test_playing_has_touch_metrics_only():
-    playing = by_task(make_run(episodes=4))["playing"]
-    assert not {"success", "exploration", "episode_steps", "steps_to_success"} & set(
-        playing.estimates
-    )
-    assert {"touch_interaction", "touched", "object_movement"} <= set(playing.estimates)
-
-
-def test_a_goal_task_has_every_metric():
-    pushing = by_task(make_run(episodes=20, skill=0.7))["pushing"]
+def test_a_goal_task_has_every_metric_and_playing_those_of_touch():
+    tasks = by_task(make_run(episodes=20, skill=0.7))
+    pushing, playing = tasks["pushing"], tasks["playing"]
+    assert set(pushing.estimates) - set(playing.estimates) == {
+        "success", "exploration", "episode_steps", "steps_to_success",
+    }  # fmt: skip
     assert set(pushing.estimates) == set(METRICS)
-    assert pushing.estimates["success"].method == "wilson"
-    assert pushing.estimates["touched"].method == "wilson"
-    assert pushing.estimates["episode_steps"].method == "bootstrap"
+    methods = [pushing.estimates[name].method for name in ("success", "touched", "episode_steps")]
+    assert methods == ["wilson", "wilson", "bootstrap"]
     assert sum(pushing.outcomes.values()) == 20
 
 
@@ -141,15 +121,13 @@ def test_exploration_counts_its_own_episodes_only():
 def test_steps_to_success_is_absent_without_success():
     pushing = by_task(make_run(episodes=5, skill=0.0))["pushing"]
     assert "steps_to_success" not in pushing.estimates
-    assert pushing.estimates["success"].value == 0
-    assert pushing.estimates["success"].high > 0
+    assert pushing.estimates["success"].value == 0 < pushing.estimates["success"].high
 
 
 def test_faults_stay_in_the_denominator():
     run = make_run(tasks=("pushing",), episodes=10, skill=1.0, faults=4)
     pushing = by_task(run)["pushing"]
-    assert pushing.estimates["success"].value == 0.6
-    assert pushing.outcomes["policy_fault"] == 4
+    assert (pushing.estimates["success"].value, pushing.outcomes["policy_fault"]) == (0.6, 4)
 
 
 def test_curves_are_over_those_that_got_there():

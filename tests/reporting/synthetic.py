@@ -181,10 +181,3 @@ def summary_of(run: Played, seed: int = 3) -> Summary:
 
 def rows_of(run: Played, role: Role = Role.FINAL) -> tuple[Episode, ...]:
     return tuple(measure(record) for record in run.records if record.spec.role is role)
-
-
-def of_tasks(run: Played, *tasks: str) -> Played:
-    """Return the run of these tasks alone."""
-    plan = replace(run.plan, tasks=tasks)
-    records = tuple(record for record in run.records if record.spec.task in tasks)
-    return replace(run, header=replace(run.header, plan=plan), records=records)

@@ -1,20 +1,23 @@
-import pytest
+import xml.etree.ElementTree as ET
 
-from minitouch_bench.reporting.charts import short_names
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("hac-seed1", "scripted"),
-        ("short", "a name that is much too long for a plot"),
-        tuple(f"hac-paper-seed3-step-{steps}" for steps in (100_000, 200_000, 300_000)),
-        ("x" * 40 + "one" + "y" * 40, "x" * 40 + "two" + "y" * 40),
-        tuple(f"{'x' * 30}{index}{'y' * 30}" for index in range(12)),
-    ],
+from minitouch_bench.reporting.charts import (
+    Chart,
+    Line,
+    Plot,
+    Spots,
+    draw_plot,
+    name_axis,
+    value_axis,
 )
-def test_names_that_differ_stay_different_and_fit(names):
-    short = short_names(names)
-    assert len(set(short)) == len(names)
-    assert all(len(name) <= 16 for name in short)
-    assert all(one == name for one, name in zip(short, names, strict=True) if len(name) <= 16)
+
+HOSTILE = '</svg><script>alert(1)</script> & "x" 触覚 🤖'
+
+
+def test_a_hostile_name_is_only_text():
+    marks = (Line(((0.2, 0), (0.9, 0)), "series-0"), Spots(((0.5, 0),), "series-0", 8))
+    chart = Chart(value_axis("Success", 1.0), name_axis([HOSTILE]), marks, 30, "one" * 90)
+    drawing = draw_plot(Plot("Pushing", HOSTILE, (chart,)))
+    assert "<script" not in drawing
+    texts = [element.text for element in ET.fromstring(drawing).iter() if element.text]
+    assert HOSTILE in texts
+    assert max(map(len, texts)) <= max(40, len(HOSTILE))

@@ -56,7 +56,7 @@ def test_failures_come_first_and_a_viewer_opens_where_there_is_one(browser, page
 def test_a_policy_fault_has_the_touch_share_of_the_tables(hac):
     """Of all 200 steps, of which it played one."""
     touched = tuple(replace(row, touch_steps=row.steps) for row in hac.rows)
-    data = json.loads(browser_data([BrowsedRun("hac", replace(hac, rows=touched), "hac")]))
+    data = json.loads(browser_data([BrowsedRun("hac", replace(hac, rows=touched))]))
     (pushing,) = [one for one in data["runs"][0]["groups"] if one["key"] == "pushing"]
     assert pushing["share"][:3] == [0.0, 0.005, 1.0]
 

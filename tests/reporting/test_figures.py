@@ -1,51 +1,94 @@
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
+from minitouch_bench.episode import Outcome
+from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.reporting.charts import Band
-from minitouch_bench.reporting.figures import report_figures, steps_plot
-from minitouch_bench.reporting.labels import describe_runs, tasks_in_order
+from minitouch_bench.reporting.figures import check_figure, report_figures, steps_plot, write_figure
+from minitouch_bench.reporting.labels import MARK, PAPER_METHODS, describe_runs, tasks_in_order
+from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
+from tests.reporting.synthetic import make_run, save
 
 
-def parts(*runs):
-    return describe_runs(runs), tasks_in_order(runs)
+def test_histograms_stack_to_100_percent_on_one_axis(hac):
+    def ended(outcome, *steps):
+        return [replace(hac.rows[0], task="pushing", outcome=outcome, steps=one) for one in steps]
 
-
-def bars(chart):
-    return [mark for mark in chart.marks if isinstance(mark, Band)]
-
-
-def height(bar):
-    (_, bottom), (_, top), *_ = bar.points
-    return top - bottom
-
-
-def test_histograms_stack_to_100_percent_on_one_axis():
-    panels = {
-        "a": {"success": np.array([3, 3, 12]), "limit": np.array([200])},
-        "b": {"success": np.array([], int), "limit": np.array([200, 200])},
-    }
+    limit = ended(Outcome.POLICY_FAULT, 200)
+    panels = {"a": [*ended(Outcome.SUCCESS, 3, 3, 12), *limit], "b": limit * 2}
     first, second = steps_plot("pushing", panels).charts
     assert first.y == second.y
     assert first.y.high >= 100
-    assert sum(height(bar) for bar in bars(first)) == pytest.approx(100)
-    assert [bar.tone for bar in bars(first)] == ["success", "success", "limit"]
-    # An episode at the limit has a bar of its own behind 190-199.
-    assert bars(first)[-1].points[0][0] > 200
-
-
-def test_the_paper_is_never_on_an_axis_of_touch(hac):
-    first, *_ = report_figures(*parts(hac))
-    rows = {plot.caption: [t.text for t in plot.charts[0].y.ticks] for plot in first.plots}
-    assert rows["Pushing"] == ["hac-seed1", "HaC", "RND+touch", "RND"]
-    assert rows["Playing"] == ["hac-seed1"]
+    bars = [(mark.tone, *box) for mark in first.marks for box in mark.boxes]
+    assert sum(top - bottom for _, _, bottom, _, top in bars) == pytest.approx(100)
+    assert [tone for tone, *_ in bars] == ["success", "success", "fault"]
+    assert bars[-1][1] > 200  # a bar of its own behind 190-199
 
 
 def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
     plan = replace(hac.plan, conditions=Perturbation(without=("forces",)))
     numb = replace(hac, header=replace(hac.header, plan=plan))
-    figures = [{one.key: one for one in report_figures(*parts(run))} for run in (hac, numb)]
-    texts = [found["forces"].text for found in figures]
+    figures = [report_figures(describe_runs([run]), tasks_in_order([run])) for run in (hac, numb)]
+    texts = [one.text for found in figures for one in found if one.key == "forces"]
     assert ["given others: hac-seed1" in text for text in texts] == [False, True]
+
+
+# A figure for a paper, drawn by the real matplotlib; and a report without the paper's values
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [save(make_run(name, skill=skill)) for name, skill in (("ours", 0.8), ("x$y$_1", 0.3))]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [(".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")]
+)
+def test_each_kind_is_written_and_is_the_same_again(runs, tmp_path, suffix, magic):
+    report = build_report(runs)
+    contents = []
+    for name in ("one", "again"):
+        path = tmp_path / f"{name}{suffix}"
+        write_figure(report.sections, report.tasks, (), path)
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert contents[0].startswith(magic)
+
+
+def test_runs_are_grouped_by_task_and_named_as_they_are(runs, tmp_path):
+    path = tmp_path / "figure.svg"
+    report = build_report(runs)
+    write_figure(report.sections, report.tasks, (), path)
+    text = path.read_text()
+    assert [text.count(f">{task}<") for task in ("Pushing", "Opening", "Pick-up", "Playing")] == [
+        1, 1, 1, 1,
+    ]  # fmt: skip
+    assert "Success (share of episodes)" in text
+    assert "Touch share" in text
+    assert ">x$y$_1<" in text
+    write_figure(report.sections, report.tasks, ("exploration",), path)
+    assert "Playing" not in path.read_text()
+
+
+def test_what_cannot_be_drawn_is_refused(runs, tmp_path):
+    with pytest.raises(UsageError, match=r"\.svg, \.pdf, \.png"):
+        check_figure(tmp_path / "figure.jpg")
+    with pytest.raises(UsageError, match="nothing to draw"):
+        write_figure(describe_runs(runs), ("playing",), ("exploration",), tmp_path / "figure.svg")
+
+
+def test_without_the_paper_no_form_has_its_values(runs):
+    report = build_report(runs, with_paper=False)
+    for text in (to_html(report), *(write(report) for write in TABLE_FORMATS.values())):
+        assert MARK not in text
+        assert "in the paper" not in text
+        assert all(f"{method}," not in text for method in PAPER_METHODS)
+
+
+def test_a_task_without_rows_has_no_heading_and_a_mark_has_its_note(runs):
+    of_success = TABLE_FORMATS["md"](build_report(runs, metrics=("success",)))
+    assert "Playing" not in of_success
+    assert MARK not in of_success
+    of_touch = TABLE_FORMATS["md"](build_report(runs, metrics=("touch_interaction",)))
+    assert f"{MARK} other unit" in of_touch

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.start_errors import read_scenes
 from minitouch_bench.episode import Outcome
 from minitouch_bench.metrics.starts import StartTest
-from minitouch_bench.reporting.charts import Blocks, Spots
+from minitouch_bench.reporting.charts import Blocks, Spots, draw_plot
 from minitouch_bench.reporting.maps import (
     MOST_SPOTS,
     MappedTask,
@@ -18,7 +18,6 @@ from minitouch_bench.reporting.maps import (
     sentence,
     start_figure,
 )
-from minitouch_bench.reporting.svg import draw_plot
 
 SCENES = read_scenes()
 PUSHING = SCENES["pushing"]

@@ -7,7 +7,6 @@ import pytest
 from rich.console import Console
 
 from minitouch_bench.comparison.comparison import compare_runs, comparison_blocks
-from minitouch_bench.errors import UsageError
 from minitouch_bench.reporting.report import build_report, escape_tex, show_report
 from minitouch_bench.reporting.tables import escape_md, rows_csv, show
 from minitouch_bench.text import printable
@@ -45,13 +44,6 @@ def test_a_narrow_screen_has_every_number_that_a_wide_one_has(width, runs):
         assert all(any(row in line for line in tables) for row in rows)
         for number in set(numbers(wide)):
             assert numbers(narrow).count(number) == numbers(wide).count(number), number
-
-
-def test_a_selection_without_a_value_is_refused():
-    """Playing has no success, ours or the paper's."""
-    run = save(make_run("hac", tasks=("playing",), exploration=False))
-    with pytest.raises(UsageError, match="no run has a value"):
-        build_report([run], metrics=("success",))
 
 
 def test_names_stay_beside_the_numbers_that_were_split_from_them(runs):

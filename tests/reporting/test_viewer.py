@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Start, Trace
-from minitouch_bench.reporting.viewer import ending_in_words, episode_csv, episode_page
+from minitouch_bench.reporting.viewer import (
+    ReplayedEpisode,
+    ending_in_words,
+    episode_csv,
+    episode_page,
+)
 
 
 def make_film(task="pick-up", *, steps=4, touching=(), outcome=Outcome.STEP_LIMIT, state=None):
@@ -76,12 +81,7 @@ def places(*x):
 )
 def test_the_likely_reason_is_said_in_words(film, words):
     assert re.search(words, ending_in_words(film))
-
-
-def test_the_fault_of_a_policy_is_its_reason():
-    assert ending_in_words(make_film(outcome=Outcome.POLICY_FAULT), "NaN") == (
-        "The policy failed after 4 steps: NaN"
-    )
+    assert ending_in_words(film, "NaN").endswith("s: NaN")
 
 
 def test_the_table_has_the_reset_and_each_step_with_units(hac):
@@ -97,7 +97,7 @@ def test_the_table_has_the_reset_and_each_step_with_units(hac):
 
 
 def test_a_page_holds_every_picture_and_takes_no_name_for_markup(hostile):
-    html = episode_page(hostile, make_film(touching=(2,)), is_as_recorded=False).html
+    html = episode_page(ReplayedEpisode(hostile, make_film(touching=(2,)), False)).html
     assert "<script>alert" not in html
     assert "not the recorded episode" in html
     (found,) = re.findall(r'id="episode">(.*?)</script>', html)
@@ -108,6 +108,6 @@ def test_a_page_holds_every_picture_and_takes_no_name_for_markup(hostile):
 
 
 def test_a_notebook_shows_the_page_in_a_frame_of_its_own(hac):
-    page = episode_page(hac, make_film(steps=0), is_as_recorded=True)  # the policy failed at once
+    page = episode_page(ReplayedEpisode(hac, make_film(steps=0), True))  # the policy failed at once
     assert page._repr_html_().startswith("<iframe title=")
     assert "<script" not in page._repr_html_()

@@ -43,8 +43,8 @@
   const quoted = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", `'"'"'`)}'`);
   // A page on a disk knows where its run is; one on a server does not.
   const path = () => {
-    const { address, path } = run();
-    if (!address || location.protocol !== "file:") return path;
+    const { address } = run();
+    if (!address || location.protocol !== "file:") return "RUN";
     return decodeURIComponent(new URL(`${address}/`, location.href).pathname).replace(/\/$/, "");
   };
   const pick = (row, key) => {
