@@ -12,10 +12,10 @@ from minitouch_bench import files
 from minitouch_bench.comparison.comparison import (
     Comparison,
     compare_runs,
+    comparison_html,
     comparison_json,
     comparison_markdown,
 )
-from minitouch_bench.comparison.comparison_page import comparison_html
 from minitouch_bench.comparison.methods import (
     MethodComparison,
     compare_method_runs,

@@ -49,7 +49,7 @@ def compare(
     Each run is compared with the first one; with --a and --b, two methods by their training seeds.
     """
     from minitouch_bench import api
-    from minitouch_bench.comparison.comparison import comparison_json, show_comparison
+    from minitouch_bench.comparison.comparison import comparison_blocks, comparison_json
     from minitouch_bench.comparison.methods import method_blocks, methods_json
     from minitouch_bench.reporting import tables
 
@@ -70,7 +70,7 @@ def compare(
         if as_json:
             print(comparison_json(comparison), end="")
         else:
-            show_comparison(comparison, data_console())
+            tables.show(comparison_blocks(comparison), data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
     if html is not None:
@@ -134,7 +134,7 @@ def regress(
     A policy plays the baseline's episodes; its run is kept in its directory.
     """
     from minitouch_bench.comparison import gate, gate_report, pairing
-    from minitouch_bench.comparison.retrainings import judge
+    from minitouch_bench.comparison.methods import judge
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.evaluation.policy_setup import prepare_policies
     from minitouch_bench.runs.run import read_run

@@ -94,6 +94,7 @@ def submit(
     from minitouch_bench.evaluation.engine import open_engine
     from minitouch_bench.json_io import take_table
     from minitouch_bench.leaderboard import packing, submission
+    from minitouch_bench.policies.sources import SubmittedTraining
 
     isolated = isolation_options(isolation, trust=False)
     for_suites, senses = words(suites), words(modalities)
@@ -105,12 +106,12 @@ def submit(
             raise errors.UsageError(
                 "a training directory has its seed and its exploration policy itself"
             )
-        trainings, of_trainings = packing.pack_trainings(policies)
+        checkpoints, of_trainings = packing.pack_trainings(policies)
         about |= of_trainings
     else:
         seeds = whole_numbers("--training-seeds", training_seeds)
-        trainings = packing.pack_policies(policies, exploration or [], seeds)
-        if not any(one.training.checkpoints for one in trainings):  # a built-in policy
+        checkpoints = packing.pack_policies(policies, exploration or [], seeds)
+        if not any(checkpoints.values()):  # a built-in policy
             about |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
     given = {"method": method, "learner": learner, "training_steps": training_steps}
     about |= {key: value for key, value in given.items() if value is not None}
@@ -121,11 +122,13 @@ def submit(
     about |= {"modalities": senses} if senses else {}
     about |= {"name": name, "suites": for_suites, "authors": words(authors), "paper": paper}
     about |= {"code": code, "license": license_, "notes": notes}
-    about["trainings"] = [one.training for one in trainings]
+    about["trainings"] = [
+        SubmittedTraining(seed, tuple(found)) for seed, found in checkpoints.items()
+    ]
     packed = take_table(about, submission.Submission)
     with episode_progress() as callbacks, open_engine("local", workers) as engine:
         place = packing.pack_submission(
-            packed, trainings, directory, engine, callbacks, isolation=isolated
+            packed, checkpoints, directory, engine, callbacks, isolation=isolated
         )
     for sentence in submission.equal_checkpoints(directory, packed):
         note(sentence)
@@ -237,8 +240,8 @@ def remove(
     from minitouch_bench.leaderboard.packing import find_removable, remove_submission
 
     there = find_removable(submissions, results, name)
-    for path, content in there.items():
-        note(f"{path}{os.sep}: {content}")
+    for path in there:
+        note(f"{path}{os.sep}")
     if not yes:
         raise errors.UsageError("nothing is removed without --yes")
     remove_submission(submissions, there)

@@ -1,19 +1,33 @@
-"""Runs of the same episodes compared, each against the first, and shown."""
+"""Runs of the same episodes compared, each against the first, and shown.
 
-from collections.abc import Iterator, Sequence
+The tables of effects and of changed episodes are those of methods and of ``regress`` too.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING
+from itertools import chain
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from minitouch_bench.comparison import effect_tables, pairing
+from minitouch_bench.comparison import pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
+from minitouch_bench.episode import Role, role_of
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
-from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import run_labels, run_names, tasks_in_order
+from minitouch_bench.reporting import pages, tables
+from minitouch_bench.reporting.labels import (
+    difference_cell,
+    format_value,
+    metric_head,
+    run_labels,
+    run_names,
+    task_title,
+    tasks_in_order,
+)
+from minitouch_bench.reporting.maps import change_figure
+from minitouch_bench.reporting.report_tables import OUTCOME_TITLES
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import printable
 
@@ -25,18 +39,32 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 COMPARISON_VERSION = 4
 """Of the JSON document."""
 
+SMALLEST_P = 0.0001
+"""A smaller p-value is written as "less than this one": the bootstrap is no finer."""
+
+NOT_ALIKE = "The runs also differ beside the policies"
+
+SHOWN_CHANGES, LISTED_CHANGES = 20, 10
+"""Changed episodes that a screen, and that a page lists; the JSON has all of them."""
+
 
 @dataclass(frozen=True)
-class ComparedMetric:
+class MetricVerdict:
+    """What a metric of a task shows: ``p_adjusted`` is over all rows of the metric."""
+
+    effect: Effect
+    p_adjusted: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class ComparedMetric(MetricVerdict):
     """One metric of one task in two runs, and what it shows.
 
     ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve``, of each
     task, would show the difference if it is as observed; None for no difference or too many.
     """
 
-    effect: Effect
-    p_adjusted: float
-    verdict: str
     episodes_to_resolve: int | None
 
 
@@ -50,6 +78,11 @@ class RunPair:
     metrics: tuple[ComparedMetric, ...]
     changes: tuple[OutcomeChange, ...]
     notes: tuple[str, ...]
+
+    @property
+    def titles(self) -> tuple[str, str]:
+        """The titles of both runs."""
+        return self.first, self.second
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,10 +118,10 @@ class Comparison:
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
     def __str__(self) -> str:
-        return tables.as_text(comparison_blocks(self, effect_tables.SHOWN_CHANGES))
+        return tables.as_text(comparison_blocks(self))
 
     def _repr_markdown_(self) -> str:
-        return "\n".join(tables.as_markdown(comparison_blocks(self, effect_tables.SHOWN_CHANGES)))
+        return "\n".join(tables.as_markdown(comparison_blocks(self)))
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -104,42 +137,38 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
         ComparedRun(letter, name, path, run_labels(run))
         for letter, name, path, run in zip(LETTERS, run_names(runs), paths, runs, strict=False)
     ]
-    shared = [pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:]]
-    paired = [pairing.pair_runs(*both) for both in shared]
+    paired = [*_beside_first(runs)]
     tasks, root = tasks_in_order(runs), (runs[0].plan.seed,)
-    tested = [
-        [
-            (values, pairing.paired_test(values, root))
-            for values in pairing.collect_values(pairs, tasks)
-        ]
-        for pairs in paired
-    ]
-    adjusted = _adjusted([effect for row in tested for _, effect in row])
-    first = named[0]
-    return Comparison(
-        tuple(named),
-        tuple(
+    values = [pairing.collect_values(pairs, tasks) for _, pairs in paired]
+    effects = [[pairing.paired_test(one, root) for one in of_pair] for of_pair in values]
+    adjusted = iter(adjust([*chain(*effects)]))
+    compared = []
+    for number, (shared, pairs) in enumerate(paired):
+        first, other, run = named[0], named[number + 1], runs[number + 1]
+        metrics = []
+        for of_metric, effect in zip(values[number], effects[number], strict=True):
+            p_adjusted = next(adjusted)
+            verdict = effect_in_words(effect, p_adjusted, (first.title, other.title))
+            episodes = pairing.episodes_needed(of_metric, ALPHA)
+            metrics.append(ComparedMetric(effect, p_adjusted, verdict, episodes))
+        compared.append(
             RunPair(
                 first=first.title,
                 second=other.title,
-                identical=pairing.are_identical(both[0], both[1], pairs),
-                metrics=tuple(
-                    ComparedMetric(
-                        effect,
-                        p_adjusted := next(adjusted),
-                        effect_in_words(effect, p_adjusted, (first.title, other.title)),
-                        pairing.episodes_needed(values, ALPHA),
-                    )
-                    for values, effect in row
-                ),
+                identical=pairing.are_identical(shared, pairs),
+                metrics=tuple(metrics),
                 changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
                 notes=tuple(pairing.differences_of_making(runs[0], run)),
             )
-            for other, run, both, pairs, row in zip(
-                named[1:], runs[1:], shared, paired, tested, strict=True
-            )
-        ),
-    )
+        )
+    return Comparison(tuple(named), tuple(compared))
+
+
+def _beside_first(runs: Sequence[Run]) -> Iterator[tuple[tuple[Run, ...], pairing.Pairs]]:
+    """Yield the first and each other run, without what one of them lacks, and their pairs."""
+    for other in runs[1:]:
+        shared = pairing.share_roles(shared_tasks((runs[0], other)))
+        yield shared, pairing.pair_runs(*shared)
 
 
 def shared_tasks(runs: Sequence[Run]) -> list[Run]:
@@ -162,19 +191,13 @@ def shared_tasks(runs: Sequence[Run]) -> list[Run]:
     return shared
 
 
-def paired_with_first(runs: Sequence[Run]) -> list[pairing.Pairs]:
-    """Return the pairs of episodes of each run and the first."""
-    shared = (pairing.share_roles(shared_tasks((runs[0], other))) for other in runs[1:])
-    return [pairing.pair_runs(*both) for both in shared]
-
-
-def _adjusted(effects: Sequence[Effect]) -> Iterator[float]:
-    """Yield each effect's p-value, adjusted over all effects of its metric."""
+def adjust(effects: Sequence[Effect]) -> list[float]:
+    """Return each effect's p-value, adjusted over all effects of its metric."""
     adjusted = {
         metric: iter(holm([effect.p_value for effect in effects if effect.metric == metric]))
         for metric in pairing.COMPARED_METRICS
     }
-    return (next(adjusted[effect.metric]) for effect in effects)
+    return [next(adjusted[effect.metric]) for effect in effects]
 
 
 def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) -> str:
@@ -190,37 +213,28 @@ def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) 
     return f"{titles[0] if effect.worsening > 0 else titles[1]} is better"
 
 
-def comparison_blocks(comparison: Comparison, changes: int) -> Iterator[tables.Block]:
+# What is written
+
+
+def comparison_blocks(
+    comparison: Comparison, changes: int = SHOWN_CHANGES
+) -> Iterator[tables.Block]:
     """Yield a whole comparison, with so many changed episodes of each pair."""
-    yield from map(effect_tables.run_line, comparison.runs)
+    yield from map(run_line, comparison.runs)
     for pair in comparison.pairs:
         yield tables.Heading(f"{pair.second} against {pair.first}")
         if pair.identical:
             yield "The run digests are equal: every episode is the same to the last bit."
-        yield from (f"{effect_tables.NOT_ALIKE}: {note}." for note in pair.notes)
-        yield from comparison_tables(pair)
-        yield from effect_tables.changes_blocks(pair.changes, (pair.first, pair.second), changes)
+        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
+        yield from _metric_tables(pair)
+        yield from changes_blocks(pair.changes, pair.titles, changes)
     yield ""
     yield from map(tables.NoteBlock, comparison_notes())
 
 
-def comparison_tables(pair: RunPair) -> tuple[tables.Table, ...]:
-    """Lay one run against the first, one table per metric: tasks down."""
-    columns = tables.make_columns(
-        pair.first, pair.second, f"{pair.second} minus {pair.first}", "p", "p adjusted", "Verdict",
-        "Episodes to resolve", words=["Verdict"],
-    )  # fmt: skip
-    cells = [
-        (
-            compared.effect,
-            effect_tables.p_text(compared.effect.p_value),
-            effect_tables.p_text(compared.p_adjusted),
-            compared.verdict,
-            f"{compared.episodes_to_resolve:,}" if compared.episodes_to_resolve else None,
-        )
-        for compared in pair.metrics
-    ]
-    return tuple(effect_tables.tables_by_metric(columns, cells))
+def _metric_tables(pair: RunPair) -> tuple[tables.Table, ...]:
+    rows = [(metric, metric.episodes_to_resolve) for metric in pair.metrics]
+    return verdict_tables(pair.titles, rows, "Episodes to resolve")
 
 
 def comparison_notes() -> tuple[str, ...]:
@@ -243,19 +257,132 @@ def comparison_notes() -> tuple[str, ...]:
     )
 
 
-def show_comparison(comparison: Comparison, console: Console) -> None:
-    """Print a comparison."""
-    tables.show(comparison_blocks(comparison, effect_tables.SHOWN_CHANGES), console)
-
-
 def comparison_markdown(comparison: Comparison) -> str:
     """Write a comparison as a page, with every changed episode."""
-    lines = tables.as_markdown(comparison_blocks(comparison, MAX_EPISODES))
-    return "\n".join(["# Comparison of runs", "", *lines]) + "\n"
+    return tables_page("Comparison of runs", comparison_blocks(comparison, MAX_EPISODES))
 
 
 def comparison_json(comparison: Comparison) -> str:
     """Write a comparison; the keys are the fields of ``Comparison``."""
-    return effect_tables.json_text(
-        {"format": "minitouch-comparison", "version": COMPARISON_VERSION, **asdict(comparison)}
+    mark = {"format": "minitouch-comparison", "version": COMPARISON_VERSION}
+    return json_text({**mark, **asdict(comparison)})
+
+
+def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
+    """Write a comparison of these runs as a page that opens offline: tables, maps, commands."""
+    views = []
+    for pair, (_, pairs) in zip(comparison.pairs, _beside_first(runs), strict=True):
+        final = [both for key, both in pairs.items() if role_of(key) is Role.FINAL]
+        found = {
+            task: [both for both in final if both[0].task == task] for task in tasks_in_order(runs)
+        }
+        by_task = {task: both for task, both in found.items() if both}
+        changes = [changes_table(pair.changes, pair.titles, LISTED_CHANGES)]
+        views.append(
+            {
+                "pair": pair,
+                "figure": change_figure(f"maps-{pair.second}", by_task, pair.titles),
+                "metrics": _metric_tables(pair),
+                "changes": changes if pair.changes else [],
+            }
+        )
+    return pages.render_page(
+        pages.TEMPLATES / "comparison.html.j2",
+        scripts=("theme.js",),
+        comparison=comparison,
+        views=views,
+        not_alike=NOT_ALIKE,
+        notes=comparison_notes(),
     )
+
+
+# The parts that methods and ``regress`` show too
+
+
+def effect_row(effect: Effect, *cells: str | None) -> tables.Row:
+    """Lay out a task's values in both runs, their difference, and more cells."""
+    values = (format_value(effect.metric, value) for value in (effect.first, effect.second))
+    difference = difference_cell(effect.metric, effect.difference)
+    return tables.make_row(task_title(effect.task), *values, difference, *cells)
+
+
+def tables_by_metric(
+    columns: tuple[tables.Column, ...], rows: Sequence[tuple[Effect, Sequence[str | None]]]
+) -> Iterator[tables.Table]:
+    """Yield a table for each metric, in the metrics' order, from effects and more cells."""
+    heads = {effect_head(effect): effect.metric for effect, _ in rows}
+    for head in sorted(heads, key=lambda head: pairing.COMPARED_METRICS.index(heads[head])):
+        of_head = tuple(effect_row(one, *cells) for one, cells in rows if effect_head(one) == head)
+        yield tables.Table(head, ("Task",), columns, of_head)
+
+
+def verdict_tables(
+    titles: tuple[str, str],
+    found: Sequence[tuple[MetricVerdict, *tuple[int | None, ...]]],
+    *labels: str,
+) -> tuple[tables.Table, ...]:
+    """Lay out verdicts and numbers with these labels, one table per metric: tasks down."""
+    first, second = titles
+    columns = tables.make_columns(
+        first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", *labels,
+        words=["Verdict"],
+    )  # fmt: skip
+    rows = []
+    for one, *numbers in found:
+        written = (f"{number:,}" if number else None for number in numbers)
+        cells = p_text(one.effect.p_value), p_text(one.p_adjusted), one.verdict, *written
+        rows.append((one.effect, cells))
+    return tuple(tables_by_metric(columns, rows))
+
+
+def changes_table(
+    changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
+) -> tables.Table:
+    """Lay out the episodes that ended in another way, with the command that replays each."""
+    columns = (
+        *tables.make_columns(*titles, words=titles),
+        tables.Column("Replay", is_text=True, is_code=True),
+    )
+    rows = tuple(
+        tables.make_row(
+            one.episode, OUTCOME_TITLES[one.first], OUTCOME_TITLES[one.second], one.replay
+        )
+        for one in changes[:most]
+    )
+    return tables.Table("Episodes that ended in another way", ("Episode",), columns, rows)
+
+
+def changes_blocks(
+    changes: Sequence[OutcomeChange], titles: tuple[str, str], most: int
+) -> Iterator[tables.Block]:
+    """Yield the table of changed episodes, if there are some, and how many more there are."""
+    if changes:
+        yield from ("", changes_table(changes, titles, most))
+    if (more := len(changes) - most) > 0:
+        yield from ("", f"and {more} more; --json has all of them")
+
+
+def p_text(p_value: float) -> str:
+    """Write a p-value."""
+    return f"<{SMALLEST_P:.4f}" if p_value < SMALLEST_P else f"{p_value:.4f}"
+
+
+def effect_head(effect: Effect) -> str:
+    """Name the metric of an effect with its better direction in the task, and its unit."""
+    return f"{metric_head(effect.metric, effect.task)} ({effect.unit})"
+
+
+def run_line(run: ComparedRun) -> str:
+    """Name the run that has a title, with its labels."""
+    labels = f" ({'; '.join(run.labels)})" if run.labels else ""
+    return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
+
+
+def tables_page(title: str, blocks: Iterable[tables.Block]) -> str:
+    """Write blocks as a page of Markdown."""
+    return "\n".join([f"# {title}", "", *tables.as_markdown(blocks)]) + "\n"
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """Write a JSON document; NaN and infinity are refused."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -40,6 +40,9 @@ SMALLEST_ALPHA, LARGEST_ALPHA = 0.001, 0.25
 even 29 lost episodes of 29 are not a regression."""
 
 
+GATE_SIDES = ("baseline", "candidate")
+
+
 @dataclass(frozen=True)
 class Tolerance:
     """How much worse a metric may get: an amount in its unit, or a part of the baseline's mean."""
@@ -219,17 +222,20 @@ def judge_runs(
     tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
     values = endpoint_values(pairs, tasks, settings)
     endpoint = judge_endpoint(values, settings, root)
-    identical = pairing.are_identical(baseline, candidate, pairs)
+    identical = pairing.are_identical((baseline, candidate), pairs)
     if identical:
         endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
     effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
     per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
     obstacle = _obstacle_of(endpoint, baseline)
-    names = [printable(run.header.policy.name) for run in (baseline, candidate)]
+    named = [
+        ComparedRun(title, printable(run.header.policy.name), path, run_labels(run))
+        for title, run, path in zip(GATE_SIDES, (baseline, candidate), paths, strict=True)
+    ]
     return GateResult(
-        baseline=ComparedRun("baseline", names[0], paths[0], run_labels(baseline)),
-        candidate=ComparedRun("candidate", names[1], paths[1], run_labels(candidate)),
+        baseline=named[0],
+        candidate=named[1],
         decision=endpoint.decision,
         settings=settings,
         identical=identical,

@@ -1,18 +1,16 @@
 """What the result of ``regress`` looks like: tables, JSON, Markdown and JUnit."""
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from xml.etree import ElementTree
 
 from rich.console import Console
 from rich.text import Text
 
-from minitouch_bench.comparison.effect_tables import (
+from minitouch_bench.comparison.comparison import (
     NOT_ALIKE,
     SHOWN_CHANGES,
     changes_blocks,
-    difference_text,
     effect_head,
     effect_row,
     json_text,
@@ -20,18 +18,13 @@ from minitouch_bench.comparison.effect_tables import (
     run_line,
     tables_by_metric,
 )
-from minitouch_bench.comparison.gate import Decision, GateResult, TrainingValue
+from minitouch_bench.comparison.gate import GATE_SIDES, Decision, GateResult
+from minitouch_bench.comparison.methods import seeds_in_words, trainings_table
 from minitouch_bench.comparison.pairing import Effect
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.files import MAX_EPISODES
-from minitouch_bench.metrics.statistics import MAX_SEEDS
 from minitouch_bench.reporting import tables
-from minitouch_bench.reporting.labels import (
-    counted,
-    format_value,
-    listed,
-    task_title,
-)
+from minitouch_bench.reporting.labels import counted, difference_cell, format_value, listed
 from minitouch_bench.text import numbered, printable
 
 SUMMARY_CHANGES = 50
@@ -51,8 +44,7 @@ SUITE = "minitouch-bench regress"
 
 def show_result(result: GateResult, console: Console) -> None:
     """Print a gate's result; the last two lines are the answer, and what to type next."""
-    titles = (result.baseline.title, result.candidate.title)
-    changes = changes_blocks(result.changes, titles, SHOWN_CHANGES)
+    changes = changes_blocks(result.changes, GATE_SIDES, SHOWN_CHANGES)
     tables.show((*result_blocks(result), *changes, ""), console)
     style = DECISION_STYLES.get(result.decision, OPEN_STYLE)
     console.print(Text(result_line(result), style=style), soft_wrap=True)
@@ -66,10 +58,9 @@ def gate_markdown(result: GateResult) -> str:
     lines += [f"- next: {tables.code_span(result.next_command)}"]
     lines += tables.as_markdown(result_blocks(result))
     if result.changes:
-        titles = (result.baseline.title, result.candidate.title)
         title = f"{numbered(len(result.changes), 'episode')} ended in another way"
         lines += ["", f"<details><summary>{title}</summary>"]
-        lines += tables.as_markdown(changes_blocks(result.changes, titles, SUMMARY_CHANGES))
+        lines += tables.as_markdown(changes_blocks(result.changes, GATE_SIDES, SUMMARY_CHANGES))
         lines += ["", "</details>"]
     return "\n".join(lines) + "\n"
 
@@ -124,7 +115,7 @@ def _case(
     group: str, effect: Effect, kind: str, words: str, p_value: float | None
 ) -> ElementTree.Element:
     """Return a test case, with an element ``kind`` that says how it ended."""
-    difference = difference_text(effect)
+    difference = difference_cell(effect.metric, effect.difference)
     case = ElementTree.Element(
         "testcase", {"classname": f"minitouch.{group}", "name": effect.metric}
     )
@@ -153,25 +144,6 @@ def endpoint_table(result: GateResult) -> tables.Table:
     return tables.Table(title, ("Task",), columns, (row,))
 
 
-def seeds_in_words(number: int | None, trainings: Sequence[TrainingValue]) -> str:
-    """Say how many training seeds of each side there should be, and how many more that is."""
-    if number is None:
-        return f"more than {MAX_SEEDS:,} training seeds on each side"
-    there = Counter(one.side for one in trainings)
-    more = " and ".join(f"{max(0, number - count)}" for count in dict.fromkeys(there.values()))
-    return f"about {number} training seeds on each side, {more} more,"
-
-
-def trainings_table(trainings: Sequence[TrainingValue], effect: Effect) -> tables.Table:
-    """Lay out an effect's metric in the run of each training seed."""
-    rows = tuple(
-        tables.make_row(printable(one.path), one.side, format_value(effect.metric, one.value))
-        for one in trainings
-    )
-    columns = tables.make_columns("Side", f"{task_title(effect.task)} {effect.metric}")
-    return tables.Table("Training seeds", ("Run",), columns, rows)
-
-
 def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
     """Lay out the metrics of each task, a table per metric: tasks down."""
     rows = []
@@ -180,7 +152,7 @@ def task_tables(result: GateResult) -> tuple[tables.Table, ...]:
         if metric.p_adjusted is not None:
             p_value = p_text(metric.p_adjusted)
             verdict = "worse" if metric.is_worse else "not significant alone"
-        rows.append((metric.effect, p_value, verdict))
+        rows.append((metric.effect, (p_value, verdict)))
     columns = tables.make_columns(*GATE_LABELS, "p adjusted", "Verdict", words=["Verdict"])
     return tuple(tables_by_metric(columns, rows))
 

@@ -109,12 +109,12 @@ def without_exploration(run: Run) -> Run:
     return replace(run, digest=run_digest(header, run.rows), header=header, exploration_rows=())
 
 
-def are_identical(first: Run, second: Run, pairs: Pairs) -> bool:
+def are_identical(runs: Sequence[Run], pairs: Pairs) -> bool:
     """Tell whether every episode of two runs holds the same bits, by digests and by rows.
 
     How many actions were clipped is not in the digest.
     """
-    return first.digest == second.digest and all(
+    return runs[0].digest == runs[1].digest and all(
         replace(one, clipped_actions=0) == replace(other, clipped_actions=0)
         for one, other in pairs.values()
     )

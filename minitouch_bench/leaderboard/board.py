@@ -4,14 +4,14 @@ Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain, combinations
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
-from minitouch_bench.leaderboard.entry import Entry, FreshDraw, RowFacts
+from minitouch_bench.leaderboard.entry import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.ranking import (
     BOARD_TASKS,
@@ -19,9 +19,8 @@ from minitouch_bench.leaderboard.ranking import (
     RANKED_BY,
     Pair,
     Rank,
-    RunsBySuite,
 )
-from minitouch_bench.leaderboard.submission import About, Submission
+from minitouch_bench.leaderboard.submission import About
 from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
@@ -40,38 +39,6 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 
 COPIED_SHARE = 0.5
 """Share of equal episodes that makes a training a copy: independent trainings have none."""
-
-Key = TypeVar("Key", bound=Hashable)
-
-
-@dataclass(frozen=True)
-class PlayedRow:
-    """A submission with what ``play`` kept of it: its draws, and the runs of finished suites."""
-
-    submission: Submission
-    row: RowFacts
-    official: RunsBySuite
-    fresh: RunsBySuite
-
-    @classmethod
-    def read(cls, entry: Entry) -> "PlayedRow":
-        """Read the results of a submission.
-
-        Raises:
-            RunDirectoryError: a file is damaged, or the run is of other policies or rules.
-        """
-        row = entry.read_row()
-        return cls(entry.submission, row, *entry.read_runs(row))
-
-    def episodes(self, task: str) -> list[list[Episode]]:
-        """Return the final policy's episodes of a task of the main suite, of each training."""
-        runs = self.official.get(MAIN_SUITE, ())
-        return [[row for row in run.rows if row.task == task] for run in runs]
-
-    def draws(self) -> tuple[FreshDraw, ...]:
-        """Return the draw of each training."""
-        found = (self.row.draw_for(training) for training in self.submission.trainings)
-        return tuple(draw for draw in found if draw is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +275,10 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
     return [*ordered, *(row for row in rows if key not in row.figures)]
 
 
+PlayedTraining = tuple[str, FreshDraw]
+"""The name of a row, and what one of its trainings was played with."""
+
+
 def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     """Return by the name of each copy the row that it repeats, which was played before it.
 
@@ -317,34 +288,30 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     """
     trainings = [(name, draw) for name, one in played.items() for draw in one.draws()]
     runs = [run for one in played.values() for run in next(iter(one.official.values()))]
+    same_episodes = _same_episodes(dict(zip(trainings, runs, strict=True)))
     # A built-in policy is never a copy, whenever its row was played.
     order = sorted(trainings, key=lambda one: (one[1].final != "", one[1].at, one[0]))
-    digests: dict[str, list[tuple[str, FreshDraw]]] = {}
-    for training in order:
-        if training[1].final:
-            digests.setdefault(training[1].final, []).append(training)
-    pairs = {pair for equal in digests.values() for pair in combinations(equal, 2)}
-    pairs |= {*_same_episodes(dict(zip(trainings, runs, strict=True)))}
     copies: dict[str, str] = {}
-    for pair in sorted(pairs, key=lambda pair: min(map(order.index, pair))):
-        first, later = sorted(pair, key=order.index)
-        copies.setdefault(later[0], first[0])
+    for first, later in combinations(order, 2):
+        is_same_file = first[1].final == later[1].final != ""
+        if is_same_file or {first, later} in same_episodes:
+            copies.setdefault(later[0], first[0])
     return copies
 
 
-def _same_episodes(runs: Mapping[Key, Run]) -> list[tuple[Key, Key]]:
-    """Return the pairs of runs that share COPIED_SHARE of the smaller one's episodes.
+def _same_episodes(runs: Mapping[PlayedTraining, Run]) -> list[set[PlayedTraining]]:
+    """Return the pairs of trainings that share COPIED_SHARE of the smaller one's episodes.
 
     Episodes without a step are equal in every run and do not count.
     """
-    owners: dict[tuple[str, int, str], list[Key]] = {}
-    played = {key: [row for row in run.rows if row.steps] for key, run in runs.items()}
-    for key, rows in played.items():
+    owners: dict[tuple[str, int, str], list[PlayedTraining]] = {}
+    played = {one: [row for row in run.rows if row.steps] for one, run in runs.items()}
+    for one, rows in played.items():
         for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
-            owners.setdefault(episode, []).append(key)
-    shared = Counter(pair for keys in owners.values() for pair in combinations(keys, 2))
+            owners.setdefault(episode, []).append(one)
+    shared = Counter(pair for owning in owners.values() for pair in combinations(owning, 2))
     return [
-        (first, other)
+        {first, other}
         for (first, other), count in shared.items()
         if count >= COPIED_SHARE * min(len(played[first]), len(played[other]))
     ]

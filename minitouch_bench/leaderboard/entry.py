@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from minitouch_bench import errors, files
-from minitouch_bench.episode import PlayedEpisode, Role, Sha256OrNone
+from minitouch_bench.episode import Episode, PlayedEpisode, Role, Sha256OrNone
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.execution import header_of, open_run, play_run
 from minitouch_bench.evaluation.policy_setup import prepare_policies
@@ -172,12 +172,13 @@ class Entry:
             raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
         return run
 
-    def read_runs(self, row: RowFacts) -> tuple[RunsBySuite, RunsBySuite]:
-        """Return the official runs and the fresh ones of suites that every training has finished.
+    def read(self) -> "PlayedRow":
+        """Return what was played: the runs of suites that every training has finished.
 
         Raises:
             RunDirectoryError: a file is damaged, or the run is of other policies or rules.
         """
+        row = self.read_row()
         found: dict[bool, dict[str, list[Run]]] = {False: {}, True: {}}
         for part in self.parts(row):
             if (run := self.read_run(part)) is not None:
@@ -191,7 +192,27 @@ class Entry:
         official, fresh = (
             {suite: runs[suite] for suite in whole_suites} for runs in found.values()
         )
-        return official, fresh
+        return PlayedRow(self.submission, row, official, fresh)
+
+
+@dataclass(frozen=True)
+class PlayedRow:
+    """A submission with what ``play`` kept of it: its draws, and the runs of finished suites."""
+
+    submission: Submission
+    row: RowFacts
+    official: RunsBySuite
+    fresh: RunsBySuite
+
+    def episodes(self, task: str) -> list[list[Episode]]:
+        """Return the final policy's episodes of a task of the main suite, of each training."""
+        runs = self.official.get(MAIN_SUITE, ())
+        return [[row for row in run.rows if row.task == task] for run in runs]
+
+    def draws(self) -> tuple[FreshDraw, ...]:
+        """Return the draw of each training."""
+        found = (self.row.draw_for(training) for training in self.submission.trainings)
+        return tuple(draw for draw in found if draw is not None)
 
 
 def play_row(
@@ -227,13 +248,9 @@ def play_row(
                 _play_part(entry, part, engine, _within_limit(callbacks, left), directory)
         except errors.HopelessRunError as error:
             waiting = str(error).partition("\n")[0]
-        official, fresh = entry.read_runs(row)
-        row = replace(
-            row,
-            played=tuple(official),
-            drop_p=drop_p(official, fresh) if official else 1.0,
-            waiting=waiting,
-        )
+        now = entry.read()
+        p = drop_p(now.official, now.fresh) if now.official else 1.0
+        row = replace(row, played=tuple(now.official), drop_p=p, waiting=waiting)
         files.write_file(entry.results / ROW_FILE, write_toml(row))
         if not waiting:
             shutil.rmtree(directory / entry.name, ignore_errors=True)

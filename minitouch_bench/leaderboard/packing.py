@@ -5,7 +5,6 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ from minitouch_bench.policies.sources import (
     HUB,
     TRAINED,
     CheckpointFile,
-    SubmittedTraining,
     parse_hub_address,
     parse_source,
     read_checkpoint,
@@ -46,12 +44,8 @@ PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""
 
 
-@dataclass(frozen=True)
-class PackedTraining:
-    """A training, and the paths of its files that are copied; files on the Hub are not."""
-
-    training: SubmittedTraining
-    files: Mapping[CheckpointFile, Path]
+Checkpoints = Mapping[int, Mapping[CheckpointFile, Path]]
+"""By training seed the files of its policies, and where each is now."""
 
 
 def is_training(policy: str) -> bool:
@@ -59,8 +53,8 @@ def is_training(policy: str) -> bool:
     return (Path(policy) / CONFIG_FILE).is_file()
 
 
-def pack_trainings(directories: Sequence[str]) -> tuple[list[PackedTraining], dict[str, Any]]:
-    """Group training directories by their seed; return them, and fields of ``Submission``.
+def pack_trainings(directories: Sequence[str]) -> tuple[Checkpoints, dict[str, Any]]:
+    """Group training directories by their seed; return fields of ``Submission``, too.
 
     Their settings give these fields: method, learner, training steps, modalities.
 
@@ -68,37 +62,30 @@ def pack_trainings(directories: Sequence[str]) -> tuple[list[PackedTraining], di
         UsageError: two are of one task and seed, or the trainings are of unlike settings.
         RunDirectoryError, PolicyLoadError: one is damaged or unfinished.
     """
-    by_seed: dict[int, dict[str, Path]] = {}
-    configs: dict[int, list[TrainingConfig]] = {}
+    by_seed: dict[int, dict[str, tuple[Path, TrainingConfig]]] = {}
     for directory in map(Path, directories):
         config = read_recorded_config(directory / CONFIG_FILE)
         of_seed = by_seed.setdefault(config.seed, {})
         if config.task in of_seed:
-            both = f"{of_seed[config.task]} and {directory}"
+            both = f"{of_seed[config.task][0]} and {directory}"
             raise UsageError(f"{both} are trainings of {config.task} with one seed: give one")
-        of_seed[config.task] = directory
-        configs.setdefault(config.seed, []).append(config)
-    told = {seed: _about(of_seed) for seed, of_seed in configs.items()}
+        of_seed[config.task] = directory, config
+    told = {seed: _about([one for _, one in of_seed.values()]) for seed, of_seed in by_seed.items()}
     if len({*map(repr, told.values())}) > 1:
         unlike = ", ".join(f"seed {seed}: {words}" for seed, words in told.items())
         raise UsageError(f"the trainings of a submission are alike but for their seeds; {unlike}")
-    packed = []
+    found: dict[int, dict[CheckpointFile, Path]] = {}
     for seed, of_seed in sorted(by_seed.items()):
-        found: dict[CheckpointFile, Path] = {}
+        places = {task: of_seed[task][0] for task in TASK_NAMES if task in of_seed}
+        files_of = found[seed] = {}
         for role in Role:
-            for task in TASK_NAMES:
-                if task in of_seed and (role is Role.FINAL or _explored(of_seed[task], task)):
-                    path = of_seed[task] / TRAINED[role]
-                    source = parse_source(str(path))
-                    file = CheckpointFile(role, task, f"{task}{path.suffix}", source.digest)
-                    found[file] = path
-        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), found))
-    return packed, next(iter(told.values()))
-
-
-def _explored(directory: Path, task: str) -> bool:
-    """Tell whether a training has an exploration policy to rate; in Playing it is the final one."""
-    return task in GOAL_TASKS and (directory / TRAINED[Role.EXPLORATION]).exists()
+            for task, directory in places.items():
+                path = directory / TRAINED[role]
+                # In Playing the exploration policy is the final one.
+                if role is Role.FINAL or (task in GOAL_TASKS and path.exists()):
+                    digest = parse_source(str(path)).digest
+                    files_of[CheckpointFile(role, task, f"{task}{path.suffix}", digest)] = path
+    return found, next(iter(told.values()))
 
 
 def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
@@ -121,28 +108,26 @@ def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
 
 def pack_policies(
     policies: Sequence[str], explorations: Sequence[str], seeds: Sequence[int]
-) -> list[PackedTraining]:
+) -> Checkpoints:
     """Make a training of each policy and the exploration policy at the same place.
 
     Raises:
-        UsageError: their numbers differ, or a policy is not files.
+        UsageError: their numbers differ, two seeds are equal, or a policy is not files.
         PolicyLoadError: there is no such policy.
     """
     seeds = seeds or range(len(policies))
-    if len(seeds) != len(policies) or len(explorations) not in (0, len(policies)):
+    if len({*seeds}) != len(policies) or len(explorations) not in (0, len(policies)):
         raise UsageError(
-            f"there are {len(policies)} policies, {len(seeds)} training seeds and "
+            f"there are {len(policies)} policies, {len({*seeds})} different training seeds and "
             f"{len(explorations)} exploration policies: give one of each for every training"
         )
-    packed = []
+    found = {}
     for number, seed in enumerate(seeds):
-        found = dict(_files_of(parse_source(policies[number]), Role.FINAL))
+        found[seed] = dict(_files_of(parse_source(policies[number]), Role.FINAL))
         if explorations:
             source = parse_source(explorations[number], role=Role.EXPLORATION)
-            found |= dict(_files_of(source, Role.EXPLORATION))
-        copied = {file: path for file, path in found.items() if not file.address}
-        packed.append(PackedTraining(SubmittedTraining(seed, tuple(found)), copied))
-    return packed
+            found[seed] |= dict(_files_of(source, Role.EXPLORATION))
+    return found
 
 
 def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile, Path]]:
@@ -165,7 +150,7 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
 
 def pack_submission(
     submission: Submission,
-    trainings: Sequence[PackedTraining],
+    checkpoints: Checkpoints,
     submissions: Path,
     engine: Engine,
     callbacks: Callbacks,
@@ -174,7 +159,7 @@ def pack_submission(
 ) -> Path:
     """Make a submission in a folder aside, try its policies, and move it to its name.
 
-    Each policy is loaded and plays one episode per task.
+    Each policy is loaded and plays one episode per task. Files on the Hub are not copied.
 
     Raises:
         RunDirectoryError: one of this name is there, or a file cannot be read or written.
@@ -192,9 +177,10 @@ def pack_submission(
             )
         copy = folder / submission.name
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))
-        for one in trainings:
-            for file, source in one.files.items():
-                files.write_file(copy / one.training.place(file), read_checkpoint(source))
+        for training in submission.trainings:
+            for file, source in checkpoints[training.seed].items():
+                if not file.address:
+                    files.write_file(copy / training.place(file), read_checkpoint(source))
         for problem in check_submission(copy):
             raise UsageError(problem)
         try:
@@ -214,19 +200,19 @@ def _try_policies(
     Raises:
         PolicyLoadError: a policy cannot be loaded, or fails.
     """
+    trainings, explores = entry.submission.trainings, entry.submission.explores
     plan = make_plan(entry.submission.suites[0], episodes=1)
-    setups = []
-    for training in entry.submission.trainings:
+    specs = plan.specs(exploration=explores)
+    callbacks.phase("trial episodes", len(trainings) * len(specs))
+    for training in trainings:
         policy = entry.policy(training)
-        explorer = policy if training.files(Role.EXPLORATION) else None
+        explorer = policy if explores else None
         setup = prepare_policies(policy, plan, isolation, callbacks.note, exploration=explorer)
-        setups.append((training.folder, setup, plan.specs(exploration=explorer is not None)))
-    callbacks.phase("trial episodes", sum(len(specs) for _, _, specs in setups))
-    for name, setup, specs in setups:
         for record in engine.run(setup, specs):
             callbacks.episode(record)
             if record.fault:
-                raise PolicyLoadError(f"{name} fails in {record.spec.key}: {record.fault}")
+                text = f"{training.folder} fails in {record.spec.key}: {record.fault}"
+                raise PolicyLoadError(text)
 
 
 @contextmanager
@@ -244,17 +230,14 @@ def lock_aside(submissions: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def find_removable(submissions: Path, results: Path, name: str) -> dict[Path, str]:
-    """Return the folders of a submission and of its results that are there, with their sizes.
+def find_removable(submissions: Path, results: Path, name: str) -> list[Path]:
+    """Return the folders of a submission and of its results that are there.
 
     Raises:
         UsageError: neither is there.
     """
-    there: dict[Path, str] = {}
-    if re.search(str(NAME.pattern), name):  # so that it leads nowhere else
-        for folder in filter(files.is_folder, (submissions / name, results / name)):
-            sizes = [path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()]
-            there[folder] = f"{len(sizes)} files, {sum(sizes) / files.MIB:.1f} MiB"
+    is_name = re.search(str(NAME.pattern), name)  # so that it leads nowhere else
+    there = [*filter(files.is_folder, (submissions / name, results / name))] if is_name else []
     if not there:
         raise UsageError(f"there is no submission '{printable(name)}' in {submissions}")
     return there

@@ -85,8 +85,10 @@ def score(runs: RunsBySuite) -> Figures:
                 if len(estimates) == len(of_trainings):
                     possible = METRICS[metric].range_in(task)
                     found[metric] = intervals.over_seeds(estimates, possible)
-    for suite in runs.keys() & MEAN_KEYS.keys():
-        key, number = MEAN_KEYS[suite], len(runs[suite])
+    for suite, key in MEAN_KEYS.items():
+        if suite not in runs:
+            continue
+        number = len(runs[suite])
         # Trainings of one task are independent of those of another, so their seeds are not paired.
         mean = intervals.quadrature([figures[part]["success"] for part in MEAN_OF[key]])
         if number > 1:

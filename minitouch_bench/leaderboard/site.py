@@ -19,10 +19,9 @@ from minitouch_bench.leaderboard.board import (
     Board,
     BoardRow,
     LeftOut,
-    PlayedRow,
     make_board,
 )
-from minitouch_bench.leaderboard.entry import Entry
+from minitouch_bench.leaderboard.entry import Entry, PlayedRow
 from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
 from minitouch_bench.leaderboard.ranking import (
     BOARD_GOALS,
@@ -109,7 +108,7 @@ def read_rows(
             continue
         entry = Entry.open(directory, results)
         try:
-            row = PlayedRow.read(entry)
+            row = entry.read()
         except RunDirectoryError as error:
             left_out.append(LeftOut(name, f"{error}: minitouch-bench leaderboard play {name}"))
             continue

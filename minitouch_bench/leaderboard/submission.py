@@ -4,14 +4,13 @@ It has a policy for each training, and words about them. None of it is executed 
 """
 
 import hashlib
-import os
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -29,9 +28,6 @@ from minitouch_bench.policies.sources import (
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
 from minitouch_bench.text import numbered, printable
 
-SUBMISSION_FORMAT: Final = "minitouch-submission"
-VERSION: Final = 2
-
 SUITES = tuple(suite.name for suite in PROTOCOL.suites if suite.rankable)
 """The suites that a submission can be for."""
 
@@ -44,9 +40,6 @@ MODALITIES: Mapping[str, str] = MappingProxyType(
     }
 )
 """What a policy may look at, and what that means."""
-
-STATE = "scripted"
-"""The one policy that reads the simulator's state."""
 
 
 def _form(pattern: str, description: str, longest: int | None = None) -> Meta:
@@ -110,8 +103,8 @@ class About:
 class FormatMark:
     """The first keys of ``submission.toml``."""
 
-    format: Literal["minitouch-submission"] = SUBMISSION_FORMAT
-    version: Literal[2] = VERSION
+    format: Literal["minitouch-submission"] = "minitouch-submission"
+    version: Literal[2] = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +137,9 @@ def read_submission(directory: Path) -> Submission:
     with files.os_errors_as(UsageError, path, "read"):
         content = files.read_file(path, MAX_SUBMISSION_FILE)
     table = parse_toml(content, str(path))
-    if (table.get("format"), table.get("version")) != (SUBMISSION_FORMAT, VERSION):
-        raise UsageError(f"{path} is not a {SUBMISSION_FORMAT} of version {VERSION}")
+    mark = FormatMark()
+    if (table.get("format"), table.get("version")) != (mark.format, mark.version):
+        raise UsageError(f"{path} is not a {mark.format} of version {mark.version}")
     return take_table(table, Submission, str(path))
 
 
@@ -177,12 +171,12 @@ def mistakes(submission: Submission) -> Iterator[str]:
         if len({*words}) < len(words):
             yield f"{what}: one of them is there twice; remove one"
     if submission.is_built_in:
-        sees = ("state",) if submission.name == STATE else ()
+        sees = ("state",) if submission.name == "scripted" else ()
         if submission.modalities != sees or len(seeds) > 1 or submission.trainings[0].checkpoints:
             yield f"{submission.name} is one training without checkpoints, modalities {list(sees)}"
         return
     if not submission.modalities or "state" in submission.modalities:
-        yield f"modalities: a policy sees vision, touch or both; only {STATE} reads the state"
+        yield "modalities: a policy sees vision, touch or both; only scripted reads the state"
     without = [str(one.seed) for one in submission.trainings if not one.files(Role.EXPLORATION)]
     if 0 < len(without) < len(seeds):
         yield f"no exploration policy: training seeds {', '.join(without)}; give all or none"
@@ -222,11 +216,11 @@ def _check_files(directory: Path, submission: Submission) -> Iterator[str]:
         for file in training.checkpoints
         if not file.address
     }
-    found = set()
-    for path in _walk(directory):
+    missing = {*listed}
+    for path in sorted(directory.rglob("*")):  # which follows no link
         place = path.relative_to(directory).as_posix()
-        found.add(place)
-        if place == files.SUBMISSION_FILE or (path.is_dir() and not path.is_symlink()):
+        missing.discard(place)
+        if place == files.SUBMISSION_FILE or files.is_folder(path):
             continue
         if place not in listed:
             yield f"{place}: a submission has no such file; remove it"
@@ -237,17 +231,8 @@ def _check_files(directory: Path, submission: Submission) -> Iterator[str]:
             _check_content(listed[place], content)
         except MiniTouchError as error:
             yield str(error)
-    for place in listed.keys() - found:
+    for place in missing:
         yield f"{place} is missing"
-
-
-def _walk(directory: Path) -> Iterator[Path]:
-    """Yield all that lies below a directory, in order; no link is followed."""
-    with os.scandir(directory) as entries:
-        for entry in sorted(entries, key=lambda entry: entry.name):
-            yield Path(entry.path)
-            if entry.is_dir(follow_symlinks=False):
-                yield from _walk(Path(entry.path))
 
 
 def _check_content(file: CheckpointFile, content: bytes) -> None:

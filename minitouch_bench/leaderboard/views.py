@@ -18,8 +18,8 @@ from minitouch_bench.leaderboard.board import (
 )
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.ranking import (
-    BOARD_GOALS,
     BOARD_TASKS,
+    MEAN_KEYS,
     MEAN_SUCCESS,
     OVERALL,
     RANKED_BY,
@@ -29,7 +29,13 @@ from minitouch_bench.leaderboard.ranking import (
 from minitouch_bench.metrics import definitions
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, MAX_SEEDS
-from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.protocol.minitouch import (
+    DARK,
+    GOAL_TASKS,
+    MAIN_SUITE,
+    NOVEL_SHAPES,
+    PROTOCOL,
+)
 from minitouch_bench.reporting import labels, tables
 from minitouch_bench.reporting.labels import PAPER_METHODS, listed, task_title
 from minitouch_bench.reporting.report_tables import gap_cells
@@ -43,6 +49,11 @@ SEED_VARIANCE = (
     "Student's t over training seeds, no narrower than over all their episodes. It contains the "
     "true mean in about 95 % if the seeds' values are about normal; if some seeds fail, in 42 to "
     "94 % with five seeds."
+)
+
+DARK_LEAD = (
+    "The light is off: every picture is black, and touch decides. Pushing is left out, because "
+    "its target cannot be felt. "
 )
 
 
@@ -89,24 +100,29 @@ class BoardView:
 
 def views(board: Board) -> tuple[BoardView, ...]:
     """Return every table of a board that has rows, and those of the main suite in any case."""
+    has_dark = any(DARK in row.figures for row in board.rows)
     return (
-        _overall(board),
+        _means(board, MAIN_SUITE, "Overall"),
         *(_task(board, task) for task in BOARD_TASKS),
         *([_novel(board)] if any(row.novel_shapes for row in board.rows) else []),
-        *([_dark(board)] if any(DARK in row.figures for row in board.rows) else []),
+        *([_means(board, DARK, "Dark", DARK_LEAD)] if has_dark else []),
         _touch(board),
     )
 
 
-def _overall(board: Board) -> BoardView:
-    goals = [task_title(task) for task in BOARD_GOALS]
+def _means(board: Board, suite: str, title: str, before: str = "") -> BoardView:
+    """Lay out the mean success of a suite, and what ranks each of its tasks."""
+    key = MEAN_KEYS[suite]
+    tasks = BOARD_TASKS if suite == MAIN_SUITE else PROTOCOL.suite(suite).tasks
+    goals = [task_title(task) for task in tasks if task in GOAL_TASKS]
     columns = (
         Column("Mean success", unit=f"{len(goals)} tasks ↑"),
-        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in BOARD_TASKS),
+        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in tasks),
     )
-    lead = f"Ordered by the mean success over {listed(goals)}."
-    wanted = [(key, RANKED_BY[key]) for key in (OVERALL, *BOARD_TASKS)]
-    return BoardView(OVERALL, "Overall", lead, columns, _lines(board, OVERALL, wanted))
+    lead = f"{before}Ordered by the mean success over {listed(goals)}."
+    keys = (key, *(board_key(suite, task) for task in tasks))
+    lines = _lines(board, key, [(key, RANKED_BY[key]) for key in keys])
+    return BoardView(key, title, lead, columns, lines)
 
 
 def _task(board: Board, task: str) -> BoardView:
@@ -145,22 +161,6 @@ def _novel(board: Board) -> BoardView:
         if line.row and line.row.novel_shapes
     )
     return BoardView(NOVEL_SHAPES, "Novel shapes", lead, tuple(columns), tuple(lines))
-
-
-def _dark(board: Board) -> BoardView:
-    tasks = PROTOCOL.suite(DARK).tasks
-    goals = [task_title(task) for task in tasks if task in GOAL_TASKS]
-    columns = (
-        Column("Mean success", unit=f"{len(goals)} tasks ↑"),
-        *(Column(task_title(task), unit=f"{_label(task)} ↑") for task in tasks),
-    )
-    lead = (
-        "The light is off: every picture is black, and touch decides. Pushing is left out, because "
-        f"its target cannot be felt. Ordered by the mean success over {listed(goals)}."
-    )
-    keys = (DARK, *(board_key(DARK, task) for task in tasks))
-    lines = _lines(board, DARK, [(key, RANKED_BY[key]) for key in keys])
-    return BoardView(DARK, "Dark", lead, columns, lines)
 
 
 def _gap_cells(row: BoardRow, tasks: Sequence[str]) -> Iterator[Cell]:
@@ -258,21 +258,18 @@ def board_markdown(board: Board, shown: Sequence[BoardView]) -> str:
     parts = ["# MiniTouch leaderboard", "", f"Protocol {escape_md(board.protocol)}, `{digest}`."]
     for view in shown:
         parts += ["", f"## {view.title}", "", escape_md(view.lead), ""]
-        parts += tables.table_lines(view.table())
-        parts += [
-            "",
-            *(
-                f"- **{escape_md(one.name)}**: {escape_md(one.why)}"
-                for one in view.lines
-                if one.why
-            ),
-        ]
+        parts += [*tables.table_lines(view.table()), ""]
+        parts += [_item(one.name, one.why) for one in view.lines if one.why]
     parts += ["", "## Submissions", "", *tables.table_lines(_about(board))]
     for title, refusals in (("Waiting to be played", board.waiting), ("Left out", board.left_out)):
         parts += ["", f"## {title}", ""] if refusals else []
-        parts += [f"- **{escape_md(one.name)}**: {escape_md(one.reason)}" for one in refusals]
+        parts += [_item(one.name, one.reason) for one in refusals]
     parts += ["", *(f"- {escape_md(note)}" for note in board_notes())]
     return "\n".join(parts) + "\n"
+
+
+def _item(name: str, text: str) -> str:
+    return f"- **{escape_md(name)}**: {escape_md(text)}"
 
 
 def board_notes() -> tuple[str, ...]:

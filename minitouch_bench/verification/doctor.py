@@ -135,6 +135,7 @@ def _answers(checkpoint: Path) -> list[bytes]:
 
 
 def _simulation(workers: int) -> Iterator[Check]:
+    """Play the trial episodes here and by several workers, then the golden ones."""
     specs, recording = trial_episodes()
     began = time.monotonic()
     with contextlib.closing(EpisodeRunner(recording)) as runner:
@@ -142,10 +143,21 @@ def _simulation(workers: int) -> Iterator[Check]:
     speed = len(specs) * STEPS / (time.monotonic() - began)
     several = max(workers, 2)
     shuffled = [specs[i] for i in np.random.default_rng().permutation(len(specs))]
-    bits = _bits(LocalEngine(several).run(recording, shuffled))
-    yield _same(here, bits, several)
-    yield _reference()
-    yield _speed(speed, workers)
+    again = _bits(LocalEngine(several).run(recording, shuffled))
+    how = f"bits with {several} workers in another order"
+    verdict, what = CheckResult.OK, f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same {how}"
+    if other := sorted(key for key in here if here[key] != again.get(key)):
+        verdict, what = CheckResult.FAIL, f"other {how}: {', '.join(other)}"
+    yield Check("order and workers", verdict, what)
+    # The bits of the machine that this version was released from.
+    verdict, what = CheckResult.OK, "this machine simulates the recorded bits"
+    if other := [task for task, golden in recorded().items() if golden_bits(task) != golden.bits]:
+        verdict = CheckResult.NOTE
+        what = (
+            f"other bits than recorded in {', '.join(other)}: success rates compare, digests do not"
+        )
+    yield Check("reference bits", verdict, what)
+    yield Check("speed", CheckResult.NOTE, _speed(speed, workers))
 
 
 def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
@@ -162,24 +174,6 @@ def trial_episodes() -> tuple[tuple[EpisodeSpec, ...], Recording]:
 def _bits(played: Iterable[PlayedEpisode]) -> dict[str, str]:
     """Return the digest of each episode by its key."""
     return {record.spec.key: record.trace.digest() for record in played}
-
-
-def _same(here: dict[str, str], again: dict[str, str], workers: int) -> Check:
-    how = f"bits with {workers} workers in another order"
-    if other := sorted(key for key in here if here[key] != again.get(key)):
-        what = f"other {how}: {', '.join(other)}"
-        return Check("order and workers", CheckResult.FAIL, what)
-    what = f"{len(here)} episodes of {len(TASK_CLASSES)} tasks, same {how}"
-    return Check("order and workers", CheckResult.OK, what)
-
-
-def _reference() -> Check:
-    """Compare with the bits recorded on the machine that this version was released from."""
-    other = [task for task, golden in recorded().items() if golden_bits(task) != golden.bits]
-    if not other:
-        return Check("reference bits", CheckResult.OK, "this machine simulates the recorded bits")
-    what = f"other bits than recorded in {', '.join(other)}: success rates compare, digests do not"
-    return Check("reference bits", CheckResult.NOTE, what)
 
 
 @dataclass(frozen=True)
@@ -222,13 +216,12 @@ def golden_bits(task: str, objects: str | None = None) -> str:
     return sha.hexdigest()
 
 
-def _speed(steps_per_s: float, workers: int) -> Check:
+def _speed(steps_per_s: float, workers: int) -> str:
     suite = PROTOCOL.suite(MAIN_SUITE)
     steps = suite.episodes_per_task * sum(PROTOCOL.task(t).max_steps for t in suite.tasks)
     minutes = steps / steps_per_s / workers / 60
     by = f"{workers} worker{'s' if workers > 1 else ''}"
-    what = (
+    return (
         f"{steps_per_s:.0f} control steps/s a worker; {suite.name} (at most {steps:,} steps) in "
         f"{minutes:.0f} min with {by}, without the policy's own time"
     )
-    return Check("speed", CheckResult.NOTE, what)

@@ -98,7 +98,7 @@ def test_the_page_about_it_has_the_learned_rows_of_today():
 def test_a_submission_is_removed_with_its_results_after_they_were_shown(root):
     asked = run("leaderboard", "remove", "hac", directory=root)
     assert (asked.code, asked.out) == (2, "")
-    for words in ("--yes", "submissions/hac/: 2 files", "reports/results/hac/: 3 files"):
+    for words in ("--yes", "submissions/hac/\n", "reports/results/hac/\n"):
         assert words in asked.err
     for name in (".packing", "..", "../submissions/hac", "hac/seed-0"):
         run("leaderboard", "remove", name, "--yes", directory=root).refused(2, "no submission")

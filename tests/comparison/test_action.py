@@ -77,17 +77,12 @@ def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
     assert (tmp_path / "output").read_text() == f"junit={junit}\ndecision=no regression\n"
 
 
-def test_the_script_ends_as_the_gate_does(tmp_path):
-    done, arguments = gate(tmp_path, code=1, decision="regression", baseline="b", candidate="c")
-    assert done.returncode == 1
-    assert arguments[-2:] == ["--candidate", "c"]
-    assert (tmp_path / "output").read_text().endswith("\ndecision=regression\n")
-
-
-def test_several_runs_are_one_per_line(tmp_path):
+def test_several_runs_are_one_per_line_and_the_script_ends_as_the_gate_does(tmp_path):
     baseline, candidate = "reports/a 1\nreports/a 2\n", "reports/b 1\n\nreports/b 2"
-    done, arguments = gate(tmp_path, baseline=baseline, candidate=candidate)
-    assert done.returncode == 0, done.stderr
+    given = {"baseline": baseline, "candidate": candidate}
+    done, arguments = gate(tmp_path, code=1, decision="regression", **given)
+    assert done.returncode == 1
+    assert (tmp_path / "output").read_text().endswith("\ndecision=regression\n")
     assert arguments == [
         "regress", "--baseline", "reports/a 1", "--baseline", "reports/a 2",
         "--junit", f"{tmp_path.parent}/minitouch-regress/junit.xml",

@@ -62,6 +62,10 @@ def test_a_clear_worsening_is_a_regression_and_the_tasks_say_where():
     assert (effect.task, effect.metric, effect.difference.count) == ("mean", "success", 2 * N)
     assert worse_in(result) == [("pushing", "success"), ("pushing", "episode_steps")]
     assert len(result.changes) == 20
+    raw = min(one.effect.p_value for one in result.per_task) / 2
+    tested = len(result.per_task)  # adjusted by Holm over every metric of every task
+    assert {one.effect.task for one in result.per_task} == {"pushing", "opening"}
+    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(tested * raw)
 
 
 def test_every_episode_lost_is_a_regression_however_few(tmp_path):
@@ -143,18 +147,10 @@ def test_a_longer_baseline_is_made_of_the_policy_that_the_baseline_had_alone(tmp
     assert (result.decision, result.exit_code) == (Decision.NOT_ENOUGH, 5)
     assert ("evaluate" in result.next_command) == (then == "same")
     assert (found.digest[:12] in result_line(result)) == (then != "same")
-
-
-def test_of_what_has_no_digest_no_longer_baseline_is_made():
     policy = replace(BASELINE.header.policy, source="http://x:1", kind="remote", digest="")
-    result = judged(few(4), baseline=with_header(make_saved(FEW, "base"), policy=policy))
-    assert "evaluate" not in result.next_command
-    assert "http://x:1" in result_line(result)
-
-
-def test_what_the_most_episodes_would_not_settle_is_called_so():
-    result = judged(replace(few(0), digest="other"), GateSettings(tolerance=Tolerance(0.0)), few(0))
-    assert "10,000" in result_line(result)
+    served = judged(few(4), baseline=with_header(make_saved(FEW, "base"), policy=policy))
+    assert "evaluate" not in served.next_command
+    assert "http://x:1" in result_line(served)
 
 
 def test_equal_digests_are_no_regression_even_where_few_episodes_prove_nothing():
@@ -166,12 +162,14 @@ def test_equal_digests_are_no_regression_even_where_few_episodes_prove_nothing()
     assert not other.identical
     assert (other.decision, other.exit_code) == (Decision.NOT_ENOUGH, 5)
     assert other.endpoint.episodes_needed == 73
+    endless = judged(replace(base, digest="other"), GateSettings(tolerance=Tolerance(0.0)), base)
+    assert "10,000" in result_line(endless)
 
 
 # What decides
 
 
-def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal():
+def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal(tmp_path):
     touched = replace(values(flags(0, N)), touch_steps=np.full(N, 150))
     rubbed = replace(touched, touch_steps=np.full(N, 50))
     goal = values(flags(N, N))
@@ -182,18 +180,13 @@ def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal():
     both = judged(make_saved(other, "x"), baseline=make_saved(base))
     assert (both.endpoint.effect.task, both.endpoint.effect.metric) == ("pushing", "success")
     assert both.decision is Decision.NO_REGRESSION
-
-
-def test_the_replay_that_is_suggested_is_of_a_task_that_decides(tmp_path):
-    touched = replace(values(flags(0, N)), touch_steps=np.full(N, 150))
-    rubbed = replace(touched, touch_steps=np.full(N, 50))
-    base = make_saved({"pushing": values(flags(N, N)), "playing": touched})
-    lost = make_saved({"pushing": values(flags(0, N)), "playing": rubbed}, "x")
-    settings = GateSettings(metric="touch_share")
-    result = judged(with_actions(lost, tmp_path), settings, base)
+    lost = make_saved({**other, "pushing": values(flags(0, N))}, "x")  # a replay is of what decides
+    result = judged(
+        with_actions(lost, tmp_path), GateSettings(metric="touch_share"), make_saved(base)
+    )
     assert (result.decision, result.endpoint.tasks) == (Decision.REGRESSION, ("playing",))
     assert result.next_command == "minitouch-bench compare runs/base runs/new"
-    assert "replay" in judged(with_actions(lost, tmp_path), baseline=base).next_command
+    assert "replay" in judged(with_actions(lost, tmp_path), baseline=make_saved(base)).next_command
 
 
 @pytest.mark.parametrize("explored", [0, 1])
@@ -231,23 +224,9 @@ def test_another_metric_can_decide():
 def test_a_metric_that_decides_nothing_is_a_mistake(metric, why):
     with pytest.raises(UsageError, match=why):
         judged(candidate(70), GateSettings(metric=metric))
-
-
-def test_unequal_numbers_of_episodes_have_no_mean_to_judge():
-    run = make_saved({"pushing": values(flags(3, 3)), "opening": values(flags(1, 1))})
+    unequal = make_saved({"pushing": values(flags(3, 3)), "opening": values(flags(1, 1))})
     with pytest.raises(UsageError, match=r"\(pushing 3, opening 1\): make the baseline again"):
-        judged(run, baseline=run)
-
-
-def test_holm_is_over_every_metric_of_every_task():
-    result = judged(candidate(70))
-    raw = min(one.effect.p_value for one in result.per_task) / 2
-    tested = len(result.per_task)
-    assert {one.effect.task for one in result.per_task} == {"pushing", "opening"}
-    assert min(one.p_adjusted for one in result.per_task) == pytest.approx(tested * raw)
-
-
-# What cannot be compared
+        judged(unequal, baseline=unequal)
 
 
 def test_other_conditions_are_refused():
@@ -322,12 +301,10 @@ def test_the_names_of_junit_s_cases_are_unique_and_do_not_depend_on_the_outcome(
 def test_hostile_names_are_harmless_everywhere():
     hostile = replace(candidate(70, name=HOSTILE), faults={"pushing/1": HOSTILE})
     result = judge_runs(BASELINE, hostile, (HOSTILE, HOSTILE), STANDARD)
-    page = gate_markdown(result)
+    page, junit = gate_markdown(result), gate_junit(result)
     assert "<script>" not in outside_code(page)
-    screen = shown(show_result, result)
-    for text in (page, gate_junit(result), screen, result.next_command):
-        assert "\x1b" not in text
-    ElementTree.fromstring(gate_junit(result))
+    assert "\x1b" not in page + junit + shown(show_result, result) + result.next_command
+    ElementTree.fromstring(junit)
 
 
 # Its settings

@@ -1,32 +1,199 @@
-"""Two methods by their training seeds: the test, the numbers of seeds, and what is printed."""
+"""Methods by their training seeds: the gate and the comparison of two, on known truth."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from minitouch_bench.comparison.gate import Decision, GateSettings, decide
+from minitouch_bench.comparison.gate_report import gate_json, gate_markdown, show_result
 from minitouch_bench.comparison.methods import (
     answer_line,
     compare_method_runs,
+    compare_trainings,
+    judge,
     methods_json,
     methods_markdown,
+    training_differences,
 )
-from minitouch_bench.comparison.retrainings import training_differences
+from minitouch_bench.comparison.pairing import PairedValues
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.ranking import rank
+from minitouch_bench.metrics.intervals import newcombe, wilson
 from minitouch_bench.metrics.statistics import seeds_to_decide
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.runs.run import Run
-from tests.comparison.pairs import draw, with_header
-from tests.comparison.test_retrainings import PairedValues, trainings, with_policies
+from tests.comparison.pairs import draw, flags, make_saved, shown, values, with_header
 
-GOOD = with_policies(trainings("good", [0.85, 0.9, 0.95, 0.9]))
-BAD = with_policies(trainings("bad", [0.5, 0.4, 0.6]))
-NEAR = with_policies(trainings("near", [0.75, 0.85, 0.9, 0.8]))
+N = 40
+HARDNESS = np.random.default_rng(7).random((2, N))
+"""Of the episodes of two tasks, the same for every run."""
 
 
-def compared(*sides: list[Run]):
-    return compare_method_runs(sides, [[f"runs/{run.name}" for run in side] for side in sides])
+def trainings(name, skills):
+    """A run of each training seed, whose policies have these skills."""
+    rng = np.random.default_rng([0, len(name)])
+    tasks = dict(zip(("pushing", "opening"), HARDNESS, strict=True))
+    return [
+        make_saved(
+            {task: draw(rng, skill, hard) for task, hard in tasks.items()}, f"{name}-{number}"
+        )
+        for number, skill in enumerate(skills)
+    ]
+
+
+GOOD = trainings("good", [0.85, 0.9, 0.95, 0.9])
+BAD = trainings("bad", [0.5, 0.4, 0.6])
+NEAR = trainings("near", [0.75, 0.85, 0.9, 0.8])
+
+
+def of_steps(name, numbers, tasks=("pushing",)):
+    """A run of each training seed, whose episodes all have this number of control steps."""
+    return [
+        make_saved({task: values([True] * 10, [n] * 10) for task in tasks}, f"{name}-{n}")
+        for n in numbers
+    ]
+
+
+def asked(sides):
+    """The runs, each with a policy file of its own, and their paths."""
+    runs = [
+        [with_header(run, policy=replace(run.header.policy, digest=run.name)) for run in side]
+        for side in sides
+    ]
+    return runs, [[f"runs/{run.name}" for run in side] for side in sides]
+
+
+def judged(*sides, **settings):
+    return judge(*asked(sides), GateSettings(**settings))
+
+
+def compared(*sides):
+    return compare_method_runs(*asked(sides))
+
+
+# The gate
+
+
+def test_a_worse_method_is_a_regression_and_each_seed_is_shown():
+    result = judged(GOOD, BAD)
+    assert (result.decision, result.exit_code) == (Decision.REGRESSION, 1)
+    assert [one.side for one in result.trainings] == ["baseline"] * 4 + ["candidate"] * 3
+    means = [np.mean([row.success for row in run.rows]) for run in (*GOOD, *BAD)]
+    assert [one.value for one in result.trainings] == pytest.approx(means)
+    difference = result.endpoint.effect.difference
+    assert difference.value == pytest.approx(np.mean(means[4:]) - np.mean(means[:4]))
+    assert (difference.count, result.changes) == (7, ())
+    assert {"pushing", "opening"} == {one.effect.task for one in result.per_task if one.is_worse}
+    screen = shown(show_result, result)
+    assert all(f"runs/{run.name}" in gate_markdown(result) for run in BAD)
+    for run in (*GOOD, *BAD):
+        assert f"runs/{run.name}" in screen
+    assert len(json.loads(gate_json(result))["trainings"]) == 7
+
+
+def test_one_unlucky_seed_is_no_regression_of_a_method_as_it_is_of_a_checkpoint():
+    unlucky = trainings("unlucky", [0.9, 0.9, 0.95, 0.3])
+    assert judged(GOOD[:1], unlucky[3:]).decision is Decision.REGRESSION
+    result = judged(GOOD, unlucky)
+    assert result.decision is Decision.NOT_ENOUGH_SEEDS
+    assert result.exit_code == 5  # what was seen is worse beyond the tolerance
+    assert judged(GOOD, unlucky, lenient=True).exit_code == 0
+    needed = result.endpoint.seeds_needed
+    assert needed > 4
+    words = f"about {needed} training seeds on each side, {needed - 4} more, would settle it"
+    assert words in shown(show_result, result).replace("\n", " ")
+
+
+def test_exploration_that_one_training_lacks_is_left_out_and_named():
+    explored = [replace(run, exploration_rows=run.rows) for run in GOOD]
+    result = judged(explored, BAD)
+    assert result.decision is Decision.REGRESSION
+    assert "exploration" not in {one.effect.metric for one in result.per_task}
+    assert ["exploration is left out" in note for note in result.notes] == [True]
+    assert judged(GOOD, BAD).notes == ()
+
+
+def test_an_equal_method_of_steady_seeds_is_no_regression():
+    steady = [
+        make_saved({"pushing": values(np.roll(flags(98, 100), shift))}, f"steady-{shift}")
+        for shift in range(8)
+    ]
+    result = judged(steady[::2], steady[1::2])
+    assert (result.decision, result.exit_code) == (Decision.NO_REGRESSION, 0)
+    again = judged(GOOD, [replace(run, name=f"again-{run.name}") for run in GOOD])
+    assert again.decision is not Decision.REGRESSION
+    assert {one.effect.p_value for one in (again.endpoint, *again.per_task)} == {1}
+
+
+def test_seeds_that_agree_by_chance_leave_the_doubt_of_their_episodes():
+    perfect = [make_saved({"pushing": values(flags(20, 20))}, f"p-{n}") for n in range(4)]
+    effect = judged(perfect[:2], perfect[2:]).endpoint.effect
+    expected = newcombe(wilson(40, 40), wilson(40, 40))
+    assert (effect.difference.low, effect.difference.high) == (expected.low, expected.high)
+    assert effect.p_value == 1
+
+
+def test_seeds_that_differ_have_welch_s_interval_where_episodes_add_nothing():
+    """By hand: the episodes of a seed are all alike, so that the seeds' means are all there is."""
+    before, after = [10, 20, 40], [60, 90]
+    effect = judged(
+        of_steps("a", before), of_steps("b", after), metric="episode_steps"
+    ).endpoint.effect
+    welch = stats.ttest_ind(after, before, equal_var=False)
+    interval = welch.confidence_interval()
+    assert effect.p_value == pytest.approx(welch.pvalue)
+    found = effect.difference.low, effect.difference.high
+    assert found == pytest.approx((interval.low, interval.high))
+    both = ("pushing", "opening")
+    several = judged(
+        of_steps("a", (10, 12), both), of_steps("b", (90, 92), both), metric="episode_steps"
+    ).endpoint.effect
+    assert (several.task, several.difference.value) == ("mean", 80)
+    assert several.difference.high <= 200
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "why"),
+    [
+        (GOOD[:1], GOOD[1:3], "the baseline has one run"),
+        (GOOD[:2], GOOD[2:3], "the candidate has one run"),
+        (GOOD[:2], [GOOD[2]] * 2, "two runs of the candidate are of one training"),
+        (GOOD[:2], [GOOD[2], make_saved({"pushing": values(flags(9, N))}, "x")], "episodes differ"),
+    ],
+)  # fmt: skip
+def test_what_is_not_one_run_per_training_seed_is_refused(before, after, why):
+    with pytest.raises(UsageError, match=why):
+        judged(before, after)
+
+
+def test_false_alarms_stay_near_their_level_and_a_worse_method_is_found():
+    """Seeds' skills vary normally; their runs share the hardness of the episodes."""
+    rng = np.random.default_rng(3)
+
+    def regressions(skill, gates=300):
+        found = 0
+        for _ in range(gates):
+            hardness = rng.random(100)
+            sides = [
+                [draw(rng, own, hardness).success * 1.0 for own in rng.normal(mean, 0.05, 5)]
+                for mean in (0.8, skill)
+            ]
+            paired = [
+                [PairedValues("pushing", "success", ("pushing",), sides[0][0], own) for own in side]
+                for side in sides
+            ]
+            effect = compare_trainings(paired)
+            decided = decide(effect, ("pushing",), GateSettings(), is_believed=True)
+            found += decided.decision is Decision.REGRESSION
+        return found / gates
+
+    assert regressions(0.8) <= 0.05 + 3 * (0.05 * 0.95 / 300) ** 0.5
+    assert regressions(0.6) >= 0.9
+
+
+# The comparison
 
 
 def row(comparison, task, metric="success"):
@@ -93,7 +260,6 @@ def test_the_seeds_for_a_difference_of_a_tenth_find_it_in_four_of_five_studies()
         (GOOD, BAD[:1], "--b names 1"),
         ([], BAD, "--a names 0"),
         (GOOD, [BAD[0], BAD[0]], "two runs of the B are of one training"),
-        (GOOD, trainings("few", [0.5, 0.6])[:1] * 2, "of one training"),
     ],
 )
 def test_what_is_not_several_trainings_of_two_methods_is_refused(a, b, why):

@@ -106,8 +106,6 @@ REFUSALS = [
 def test_what_cannot_be_paired_is_refused_with_the_reason(run, reason):
     with pytest.raises(UsageError, match=reason):
         pair_runs(ONE, run)
-    with pytest.raises(UsageError):
-        pair_runs(run, ONE)
 
 
 # The paired test
@@ -133,13 +131,13 @@ def test_an_interval_of_a_share_is_without_0_exactly_where_p_is_small(n):
             assert effect.difference.low <= effect.difference.value <= effect.difference.high
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_an_interval_of_a_mean_contains_0_where_p_is_large(seed):
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(3, 40))
-    effect = effect_of("episode_steps", np.zeros(n), rng.gamma(1, 10, n) - rng.uniform(0, 9))
-    assert has_0(effect) or effect.p_value <= 0.05
-    assert effect.is_clear == (effect.p_value <= 0.05 and not has_0(effect))
+def test_an_interval_of_a_mean_contains_0_where_p_is_large():
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 40))
+        effect = effect_of("episode_steps", np.zeros(n), rng.gamma(1, 10, n) - rng.uniform(0, 9))
+        assert has_0(effect) or effect.p_value <= 0.05
+        assert effect.is_clear == (effect.p_value <= 0.05 and not has_0(effect))
 
 
 def test_the_better_direction_is_that_of_the_task():

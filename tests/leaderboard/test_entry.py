@@ -9,7 +9,6 @@ from minitouch_bench.episode import Role
 from minitouch_bench.errors import (
     InfrastructureError,
     InterruptedRunError,
-    PolicyLoadError,
     RunDirectoryError,
 )
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
@@ -93,9 +92,9 @@ def test_a_row_is_played_once_and_read_back(entry):
     assert (row.played, row.waiting, count.episodes) == (("table4",), "", ALL)
     assert 0 <= row.drop_p <= 1
     assert digests(entry.results).keys() == {*RUNS}
-    official, fresh = entry.read_runs(entry.read_row())
-    assert [run.tasks for run in (*official["table4"], *fresh["table4"])] == [TASKS, TASKS]
-    seeds = [{one.seed for one in of["table4"][0].rows} for of in (official, fresh)]
+    (official,), (fresh,) = (runs["table4"] for runs in (entry.read().official, entry.read().fresh))
+    assert official.tasks == fresh.tasks == TASKS
+    seeds = [{one.seed for one in run.rows} for run in (official, fresh)]
     assert not seeds[0] & seeds[1]
     assert not (entry.results.parent / "play" / entry.name).exists()
     assert {path.name for path in entry.results.rglob("*") if path.is_file()} == {
@@ -129,18 +128,18 @@ def test_another_checkpoint_is_played_with_another_draw(entry, tmp_path, checkpo
     assert count.episodes == ALL
     assert after.draws[0].randomness != before.draws[0].randomness
     assert not {*digests(entry.results).values()} & {*kept.values()}
+    (entry.results / ROW_FILE).write_text(write_toml(replace(after, draws=before.draws)))
     with pytest.raises(RunDirectoryError, match="other checkpoints"):
-        entry.read_runs(replace(after, draws=before.draws))
+        entry.read()
 
 
-@pytest.mark.parametrize("content", [b"", b"not packed", b"\x1f\x8b" + bytes(30)])
-def test_a_damaged_result_is_named_and_played_again(entry, content):
-    row = play(entry)
+def test_a_damaged_result_is_named_and_played_again(entry):
+    play(entry)
     kept = digests(entry.results)
     file = entry.results / RUNS[1] / "run.json.gz"
-    file.write_bytes(content)
+    file.write_bytes(b"\x1f\x8b" + bytes(30))
     with pytest.raises(RunDirectoryError, match=r"table4-fresh\b.*\brun\.json"):
-        entry.read_runs(row)
+        entry.read()
     count = Count()
     play(entry, count.callbacks())
     assert count.episodes == ALL / 2
@@ -155,6 +154,8 @@ def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
     assert count.episodes == 1
     row = play(entry)
     assert row.played == ("table4",)
+    with lock_directory(entry.results), pytest.raises(RunDirectoryError, match="in use"):
+        play(entry)
 
 
 def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
@@ -164,17 +165,6 @@ def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     row = play(entry, count.callbacks())
     assert (count.episodes, row.played) == (1, ())
     assert "hours" in entry.read_row().waiting
-
-
-def test_a_policy_that_cannot_be_loaded_is_refused(tmp_path):
-    broken = submit(tmp_path, b"not a checkpoint", b"nor is this")
-    with pytest.raises(PolicyLoadError, match="safetensors"):
-        play(broken)
-
-
-def test_two_cannot_play_one_row_at_a_time(entry):
-    with lock_directory(entry.results), pytest.raises(RunDirectoryError, match="in use"):
-        play(entry)
 
 
 def test_each_training_is_a_policy_for_evaluate(entry):

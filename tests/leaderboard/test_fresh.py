@@ -53,6 +53,12 @@ def test_a_table_of_stored_actions_drops_beyond_doubt_although_the_other_tasks_a
     same = dict.fromkeys(GOALS[1:], of(25, 50))
     p = drop([run({"pushing": of(100, 100), **honest})], [run({"pushing": of(5, 50), **same})])
     assert p < 1e-9
+    perfect, useless = run({"pushing": of(50, 50)}), run({"pushing": of(0, 50)})
+    assert drop([perfect] * 5, [perfect] * 5) == 1.0  # trainings without any variation
+    assert drop([perfect] * 5, [useless] * 5) < 1e-20
+    final, explored = {"pushing": of(60, 100)}, {"pushing": of(40, 100)}
+    later = run({"pushing": of(30, 50)}, {"pushing": of(0, 50)})
+    assert drop([run(final, explored)], [later]) < SIGNIFICANCE
 
 
 def test_playing_is_compared_by_its_touch_share():
@@ -84,18 +90,6 @@ def test_a_small_drop_in_every_training_is_seen():
     official, later = zip(*pairs, strict=True)
     assert drop(official, later) < SIGNIFICANCE
     assert drop(official[:1], later[:1]) > SIGNIFICANCE
-
-
-def test_trainings_without_any_variation_have_a_verdict():
-    perfect, useless = run({"pushing": of(50, 50)}), run({"pushing": of(0, 50)})
-    assert drop([perfect] * 5, [perfect] * 5) == 1.0
-    assert drop([perfect] * 5, [useless] * 5) < 1e-20
-
-
-def test_an_exploration_policy_that_drops_is_seen():
-    final, explored = {"pushing": of(60, 100)}, {"pushing": of(40, 100)}
-    later = run({"pushing": of(30, 50)}, {"pushing": of(0, 50)})
-    assert drop([run(final, explored)], [later]) < SIGNIFICANCE
 
 
 @pytest.mark.parametrize(("rate", "number"), [(0.02, 2), (0.5, 5), (0.99, 5)])

@@ -14,6 +14,7 @@ from tests.leaderboard.browser import Browser
 from tests.leaderboard.synthetic import ABOUT, NOON, make_row, make_submission
 from tests.reporting.html_page import Page
 
+HOSTILE = "</script><script>alert(1)</script>\u202e=cmd()"
 ROWS = ".view:not([hidden]) tbody.ranked tr[data-name]:not([hidden])"
 
 
@@ -25,7 +26,9 @@ def board(tmp_path_factory) -> Path:
     vision = replace(ABOUT, method="Vision alone", modalities=("vision",), training_steps=10**7)
     both = ("table4", "novel-shapes")
     own = b"weights of the best"
-    make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tests.leaderboard.synthetic.FAULT", HOSTILE)
+        make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
     make_row(root, "touch", 0.6, about=replace(touch, learner="PPO"))
     make_row(root, "vision", 0.3, about=vision)
     make_row(root, "seeds", 0.75, seeds=(0, 1))
@@ -150,18 +153,17 @@ def test_pages_are_well_formed_and_hold_no_handlers_or_styles(board, page):
     assert "unsafe" not in policy
 
 
-def test_a_page_tells_the_limits_and_faults_of_a_row(board):
-    page = (board / "submission" / "hac.html").read_text()
-    assert "Episode variance only (one training seed)" in page
-    assert "the action contains NaN or infinity" in page
-    assert "evaluate submissions/hac/seed-0" in page
-    assert "Fresh episodes" in page
-    seeds = (board / "submission" / "seeds.html").read_text()
-    assert "By training seed" in seeds
-    assert "By training seed" not in page
-
-
-def test_what_waits_and_why_a_row_has_no_rank_is_said_everywhere(board):
+def test_a_page_tells_limits_and_faults_as_text_and_every_board_what_waits(board):
+    page, seeds = ((board / "submission" / f"{one}.html").read_text() for one in ("hac", "seeds"))
+    for text in (
+        "Episode variance only (one training seed)",
+        "&lt;/script&gt;&lt;script&gt;alert(1)",
+        "evaluate submissions/hac/seed-0",
+        "Fresh episodes",
+    ):
+        assert text in page
+    assert not any(text in page for text in ("<script>alert", "\u202e"))
+    assert ("By training seed" in page, "By training seed" in seeds) == (False, True)
     for name in ("leaderboard.md", "index.html"):
         text = (board / name).read_text().replace("\\", "")
         assert "leaderboard play new" in text
@@ -189,53 +191,28 @@ def test_every_rank_is_explained(board):
         assert line.replace("\\<", "&lt;") in page
 
 
-def test_hostile_texts_of_a_fault_are_only_text(tmp_path, monkeypatch):
-    hostile = "</script><script>alert(1)</script>\u202e=cmd()"
-    monkeypatch.setattr("tests.leaderboard.synthetic.FAULT", hostile)
-    make_row(tmp_path, "hac", faults=1)
-    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
-    page = (tmp_path / "board" / "submission" / "hac.html").read_text()
-    assert Page(page).open == []
-    assert "<script>alert" not in page
-    assert "\u202e" not in page
-    assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
-
-
-@pytest.fixture
-def built(tmp_path):
-    """An empty board beside a directory of somebody's."""
-    for name in ("submissions", "outside"):
-        (tmp_path / name).mkdir()
-    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
+def test_pages_of_an_earlier_board_are_removed_and_nothing_else(tmp_path):
+    outside, output = tmp_path / "outside", tmp_path / "board"
+    for folder in (tmp_path / "submissions", outside):
+        folder.mkdir()
     for name in ("notes.txt", "gone.html"):
-        (tmp_path / "outside" / name).write_text("somebody's own")
-    return tmp_path
+        (outside / name).write_text("somebody's own")
 
+    def build():
+        build_board(tmp_path / "submissions", output, tmp_path / "results")
+        assert len(list(outside.iterdir())) == 2
+        assert (output / BOARD_FILE).is_file()
 
-def build_again(root):
-    build_board(root / "submissions", root / "board", root / "results")
-
-
-def outside_is_whole(root):
-    return len(list((root / "outside").iterdir())) == 2
-
-
-def test_a_directory_of_pages_that_is_a_link_is_refused(built):
-    pages = built / "board" / "submission"
-    pages.rmdir()
-    pages.symlink_to(built / "outside")
-    with pytest.raises(RunDirectoryError, match="submission"):
-        build_again(built)
-    assert outside_is_whole(built)
-
-
-def test_pages_of_an_earlier_board_are_removed_and_nothing_else(built):
-    pages = built / "board" / "submission"
-    (pages / "gone").symlink_to(built / "outside")
-    (pages / "gone.html").symlink_to(built / "outside" / "gone.html")
+    build()
+    pages = output / "submission"
+    (pages / "gone").symlink_to(outside)
+    (pages / "gone.html").symlink_to(outside / "gone.html")
     (pages / "old.html").touch()
     (pages / "mine").mkdir()
-    build_again(built)
-    assert outside_is_whole(built)
+    build()
     assert {path.name for path in pages.iterdir()} == {"gone", "gone.html", "mine"}
-    assert (built / "board" / BOARD_FILE).is_file()
+    pages.rename(tmp_path / "moved")
+    pages.symlink_to(outside)
+    with pytest.raises(RunDirectoryError, match="submission"):
+        build()
+    assert len(list(outside.iterdir())) == 2

@@ -77,15 +77,10 @@ def test_fresh_episodes_tell_and_take_the_rank(tmp_path, table, monkeypatch):
     (directory / "submission.toml").write_text(text.replace("hac.safetensors", "table.pt"))
     place = directory / "checkpoints" / "seed-0" / "final" / "hac.safetensors"
     place.rename(place.with_name("table.pt"))
-    row = play_row(
-        Entry.open(directory, tmp_path / "results"),
-        Here(),
-        SILENT,
-        directory=Path(tmp_path, "play"),
-    )
+    entry = Entry.open(directory, tmp_path / "results")
+    row = play_row(entry, Here(), SILENT, directory=Path(tmp_path, "play"))
     assert row.drop_p < SIGNIFICANCE
-    (official,), (later,) = (
-        runs["table4"] for runs in Entry.open(directory, tmp_path / "results").read_runs(row)
-    )
+    played = entry.read()
+    (official,), (later,) = (runs["table4"] for runs in (played.official, played.fresh))
     assert official["pushing"].success.value == 1
     assert later["pushing"].success.value <= 1 / 2

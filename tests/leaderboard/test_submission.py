@@ -108,10 +108,16 @@ def test_the_schema_refuses_what_the_reader_refuses(read, key, value):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "format = 1", 'format = "minitouch-submission"', "x" * 70_000]
+    ("text", "word"),
+    [
+        ("", "not a minitouch-submission"),
+        ('format = "minitouch-submission"', "of version 2"),
+        ("x" * 70_000, "large"),
+        ('format = "minitouch-submission"\nversion = 2\n' + "a." * 32_000 + "a = 1\n", "dots"),
+    ],
 )
-def test_another_file_is_not_a_submission(read, text):
-    with pytest.raises(UsageError, match=r"submission\.toml"):
+def test_another_file_is_not_a_submission(read, text, word):
+    with pytest.raises(UsageError, match=rf"submission\.toml.*{word}"):
         read(text)
 
 
@@ -159,10 +165,6 @@ def test_what_no_form_can_say_is_said(change, word):
     assert any(word in problem for problem in found), found
 
 
-def test_a_sound_submission_has_no_problem(submission):
-    assert [*check_submission(submission)] == []
-
-
 def add(directory, place, content=b""):
     path = directory / place
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -187,6 +189,7 @@ FILE = "checkpoints/seed-0/final/hac.safetensors"
     ],
 )
 def test_a_spoiled_directory_is_refused(submission, spoil, word):
+    assert [*check_submission(submission)] == []
     spoil(submission)
     there = submission if submission.exists() else submission.with_name("other")
     found = [*check_submission(there)]
@@ -207,8 +210,3 @@ def test_every_stored_submission_passes_and_is_written_as_it_is(directory):
     assert [*check_submission(directory)] == []
     text = (directory / "submission.toml").read_text()
     assert tomllib.loads(write_toml(replace(read_submission(directory)))) == tomllib.loads(text)
-
-
-def test_a_key_of_many_parts_is_not_parsed(read):
-    with pytest.raises(UsageError, match="dots"):
-        read('format = "minitouch-submission"\nversion = 2\n' + "a." * 32_000 + "a = 1\n")

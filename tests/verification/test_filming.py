@@ -75,9 +75,8 @@ def test_an_episode_is_stepped_through_played_and_scrubbed(viewer, steps):
 
 
 def test_the_policy_s_image_is_shown_as_it_was_given(viewer, scripted, steps):
-    run = scripted
-    spec, _ = run.find(KEY)
-    film = film_episode(Recording.of(run, [spec]), spec, (24, 24))
+    spec, _ = scripted.find(KEY)
+    film = film_episode(Recording.of(scripted, [spec]), spec, (24, 24))
     assert film.scenes.shape == (steps + 1, 24, 24, 3)
     assert film.images.shape == (steps, 84, 84)
     viewer.press("ArrowRight")
@@ -85,7 +84,7 @@ def test_the_policy_s_image_is_shown_as_it_was_given(viewer, scripted, steps):
     np.testing.assert_array_equal(shown, film.images[1])
 
 
-def test_no_text_lies_on_a_curve_and_each_limit_is_named(viewer):
+def test_no_text_lies_on_a_curve_each_limit_is_named_and_the_page_fits_a_phone(viewer):
     over = viewer.run(
         "[...document.querySelectorAll('.plot svg')].flatMap(svg => {"
         "const frame = svg.querySelector('.frame').getBBox();"
@@ -98,31 +97,18 @@ def test_no_text_lies_on_a_curve_and_each_limit_is_named(viewer):
     assert [("limit 200 N" in head, "goal 5 cm" in head) for head in heads] == [
         (True, False), (True, False), *[(False, False)] * 4, (False, True),
     ]  # fmt: skip
-
-
-def test_the_page_fits_a_phone(viewer):
     viewer.screen(390, 800)
     viewer.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert viewer.run("document.documentElement.scrollWidth") <= 390
 
 
 def test_the_weight_of_a_finger_is_felt_in_free_air(scripted):
-    run = scripted
     for key, axis in ((KEY, 2), ("opening/0", 0)):
-        spec, _ = run.find(key)
-        trace = film_episode(Recording.of(run, [spec]), spec, (8, 8)).played.trace
+        spec, _ = scripted.find(key)
+        trace = film_episode(Recording.of(scripted, [spec]), spec, (8, 8)).played.trace
         forces = trace.touch[1, 5:].reshape(2, 3)
         assert np.abs(forces[:, axis]).round(1).tolist() == [1.0, 1.0]
         assert not trace.touch[0, 5:].any()
-
-
-def test_a_policy_without_vision_is_shown_the_image_that_it_was_given(scripted):
-    run = scripted
-    spec, _ = run.find(KEY)
-    plan = replace(run.plan, conditions=Perturbation(without=("vision",)))
-    blind = replace(Recording.of(run, [spec]), plan=plan)
-    images = film_episode(blind, spec, (8, 8)).images
-    assert (images == images[0]).all()
 
 
 @pytest.mark.parametrize(
@@ -137,11 +123,10 @@ def test_a_policy_without_vision_is_shown_the_image_that_it_was_given(scripted):
 def test_what_the_policy_was_given_is_shown_beside_the_truth(
     browser, tmp_path, conditions, first_given, scripted
 ):
-    run = scripted
-    plan = replace(run.plan, conditions=conditions)
-    altered = replace(run, header=replace(run.header, plan=plan))
+    plan = replace(scripted.plan, conditions=conditions)
+    altered = replace(scripted, header=replace(scripted.header, plan=plan))
     page, table = tmp_path / "page.html", tmp_path / "table.csv"
-    spec, _ = run.find(KEY)
+    spec, _ = scripted.find(KEY)
     truth = film_to_files(altered, (spec, (page, table))).trace.touch[:, 5:]
     rows = pd.read_csv(table)
     given = [name for name in rows if name.startswith("given_")]
@@ -162,13 +147,15 @@ def test_what_the_policy_was_given_is_shown_beside_the_truth(
     assert f"{forces[0, 0]:.1f}".endswith(shown)
 
 
-def test_the_image_before_a_fault_is_shown(scripted):
-    run = scripted
-    spec, _ = run.find(KEY)
-    recording = Recording.of(run, [spec])
+def test_the_image_before_a_fault_is_shown_as_the_policy_was_given_it(scripted):
+    spec, _ = scripted.find(KEY)
+    recording = Recording.of(scripted, [spec])
     for count in (0, 2):
         broken_off = replace(recording, actions={spec: recording.actions[spec][:count]})
         assert len(film_episode(broken_off, spec, (8, 8)).images) == count + 1
+    plan = replace(scripted.plan, conditions=Perturbation(without=("vision",)))
+    images = film_episode(replace(recording, plan=plan), spec, (8, 8)).images
+    assert (images == images[0]).all()
 
 
 def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):

@@ -27,38 +27,29 @@ def test_the_draw_is_the_generator_s_in_the_run_s_order(opened):
     assert draw_episodes(opened, 99, np.random.default_rng(0)) == opened.header.specs()
 
 
-def test_the_same_checkpoint_gives_the_same_bits(opened):
-    seen = []
-    found = run_again(opened, WANTED, opened.header.specs(), Here(), seen.append)
-    assert {record.spec for record in seen} == set(opened.header.specs())
+def test_the_same_checkpoint_gives_the_same_bits_and_another_one_is_found(opened):
+    seen, specs = [], opened.header.specs()
+    found = run_again(opened, WANTED, specs, Here(), seen.append)
+    assert {record.spec for record in seen} == set(specs)
     assert (found.problems, found.reran) == ((), len(seen))
-
-
-def test_another_policy_is_found_at_its_first_other_action(opened):
     other = request("zero", ("pushing", "opening"), 2, exploration="zero")
-    (difference,) = run_again(opened, other, opened.header.specs()[:1], Here()).problems
+    (difference,) = run_again(opened, other, specs[:1], Here()).problems
     assert difference.place == "pushing/0"
     assert "success recorded, step_limit when run again" in difference.what
-    explored = [spec for spec in opened.header.specs() if spec.key == "exploration/pushing/0"]
+    explored = [spec for spec in specs if spec.key == "exploration/pushing/0"]
     (difference,) = run_again(opened, other, explored, Here()).problems
     assert difference.place == "exploration/pushing/0"
-
-
-def test_other_clipped_actions_than_recorded_are_a_difference(opened):
     row = opened.rows[0]
     claimed = replace(row, clipped_actions=row.clipped_actions + 1)
     stranger = replace(opened, rows=(claimed, *opened.rows[1:]))
-    (difference,) = run_again(stranger, WANTED, opened.header.specs()[:1], Here()).problems
+    (difference,) = run_again(stranger, WANTED, specs[:1], Here()).problems
     assert difference.place == "pushing/0"
     assert "clipped" in difference.what
 
 
-def test_only_the_evaluated_checkpoint_is_run_again(opened):
+def test_only_the_evaluated_checkpoint_is_run_again_and_cannot_read_the_run(opened):
     with pytest.raises(UsageError, match="zero is not the policy of this run: zero"):
         prepare_rerun(opened, "zero", "scripted")
-
-
-def test_a_policy_run_again_cannot_read_the_run(opened):
     setup = prepare_rerun(opened, "scripted", "scripted")
     assert setup.isolation.private == str(opened.directory.resolve())
 
