@@ -56,6 +56,40 @@ def test_touch_counts_where_the_name_says_so_and_nowhere_else(method):
         assert not torch.equal(surprise(curiosity, batch), surprise(curiosity, other))
 
 
+def test_touch_and_image_change_the_random_target_alike():
+    images, touch = observations("opening")
+    for seed in range(3):
+        torch.manual_seed(seed)
+        curiosity = CURIOSITIES["rnd-touch"](CONFIG, 5)
+        curiosity.whitening.watch(images)
+        whitened = curiosity.whitening(images)
+        order = torch.randperm(len(images))
+
+        def target(image, felt, of=curiosity):
+            return of.target_head(of._seen(of.target_maps, image, felt))
+
+        with torch.no_grad():
+            true = target(whitened, touch)
+            by_touch = (target(whitened, touch[order]) - true).square().mean()
+            by_image = (target(whitened[order], touch) - true).square().mean()
+        assert 0.3 < by_touch / (by_touch + by_image) < 0.7
+
+
+def observations(task):
+    """Return images and normalized touch of random actions."""
+    environment = MiniTouchEnv(task)
+    environment.action_space.seed(0)
+    seen = []
+    for seed in range(4):
+        environment.reset(seed=seed)
+        seen += [environment.step(environment.action_space.sample())[0] for _ in range(25)]
+    environment.close()
+    images, touch = (
+        torch.as_tensor(np.array([one[key] for one in seen])) for key in ("image", "touch")
+    )
+    return images, (touch - touch.mean(dim=0)) / (touch.std(dim=0) + 1e-6)
+
+
 def test_haptic_curiosity_sees_the_reached_state_alone():
     curiosity, batch = make("hac"), random_batch()
     assert torch.isfinite(curiosity.reward(curiosity.update(batch).surprise)).all()
