@@ -47,10 +47,16 @@ def test_the_same_checkpoint_gives_the_same_bits_and_another_one_is_found(opened
     assert "clipped" in difference.what
 
 
+def without_exploration(run, **of_plan):
+    plan = replace(run.plan, **of_plan)
+    return replace(run, header=replace(run.header, plan=plan, exploration=None))
+
+
 def test_only_the_evaluated_checkpoint_is_run_again_and_cannot_read_the_run(opened):
+    run = without_exploration(opened)
     with pytest.raises(UsageError, match="zero is not the policy of this run: zero"):
-        prepare_rerun(opened, "zero", "scripted")
-    setup = prepare_rerun(opened, "scripted", "scripted")
+        prepare_rerun(run, "zero")
+    setup = prepare_rerun(run, "scripted")
     assert setup.isolation.private == str(opened.directory.resolve())
 
 
@@ -62,9 +68,8 @@ def test_only_the_evaluated_checkpoint_is_run_again_and_cannot_read_the_run(open
     ],
 )
 def test_a_stranger_s_run_gives_its_policy_no_more_than_the_official_limits(opened, asked, given):
-    plan = replace(opened.plan, limits=PolicyLimits(**asked))
-    stranger = replace(opened, header=replace(opened.header, plan=plan))
+    stranger = without_exploration(opened, limits=PolicyLimits(**asked))
     notes = []
-    setup = prepare_rerun(stranger, "scripted", "scripted", note=notes.append)
+    setup = prepare_rerun(stranger, "scripted", note=notes.append)
     assert setup.plan.limits == setup.isolation.limits == given
     assert len(notes) == (given == PolicyLimits())
