@@ -16,7 +16,7 @@ from minitouch_bench.comparison.comparison import (
     comparison_json,
     comparison_markdown,
 )
-from minitouch_bench.comparison.methods import (
+from minitouch_bench.comparison.training_seeds import (
     MethodComparison,
     compare_method_runs,
     methods_json,
@@ -37,7 +37,8 @@ from minitouch_bench.json_io import StrPath, Words, checked, take_table, words
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.perturbation import parse_perturbation
 from minitouch_bench.policies.policy import Isolation, isolation_options
-from minitouch_bench.protocol.minitouch import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S, PROTOCOL
+from minitouch_bench.protocol.limits import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
+from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.reporting.viewer import EpisodePage
 from minitouch_bench.runs.plan import make_plan

@@ -8,7 +8,8 @@ from minitouch_bench.perturbation import (
     Perturbation,
     parse_perturbation,
 )
-from minitouch_bench.protocol.minitouch import PROTOCOL, PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
+from minitouch_bench.protocol.minitouch import PROTOCOL
 
 
 def test_conditions_are_read_as_they_are_typed():

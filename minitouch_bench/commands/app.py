@@ -7,17 +7,19 @@ from typing import Annotated
 
 import typer
 
-from minitouch_bench.commands.compare import compare, regress
+from minitouch_bench.commands.compare import compare
 from minitouch_bench.commands.evaluate import evaluate
 from minitouch_bench.commands.facts import doctor, tasks
 from minitouch_bench.commands.leaderboard import app as leaderboard
-from minitouch_bench.commands.leaderboard import submit
 from minitouch_bench.commands.options import Command, make_group
 from minitouch_bench.commands.record import record
+from minitouch_bench.commands.regress import regress
+from minitouch_bench.commands.replay import replay
 from minitouch_bench.commands.report import report
 from minitouch_bench.commands.shapes import app as shapes
+from minitouch_bench.commands.submit import submit
 from minitouch_bench.commands.train import train
-from minitouch_bench.commands.verify import replay, verify
+from minitouch_bench.commands.verify import verify
 from minitouch_bench.console import note
 from minitouch_bench.errors import (
     InterruptedRunError,
@@ -36,7 +38,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     replay: "replay reports/a pushing/3",
     train: "train opening --method hac --seed 1",
     record: "record scripted pushing --output data/pushing",
-    submit: "submit reports/a --name my-policy --training-steps 20000",
+    submit: "submit my_policy.pt2 --name my-policy --learner PPO --training-steps 20000",
     tasks: "tasks --json",
     doctor: "doctor",
 }

@@ -13,7 +13,8 @@ from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import PERTURBATION_NAMES, SENSES
 from minitouch_bench.policies.policy import Isolation
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, SUITE_NAMES, USUAL_LIMITS
+from minitouch_bench.protocol.limits import USUAL_LIMITS
+from minitouch_bench.protocol.minitouch import MAIN_SUITE, SUITE_NAMES
 
 CONDITIONS = f"{', '.join(PERTURBATION_NAMES)}: see docs/how-to/robustness.md; unofficial."
 FROZEN_SENSES = f"Senses that stay as at the reset: {', '.join(SENSES)}; unofficial."

@@ -11,8 +11,10 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import ENGINES
-from minitouch_bench.policies.policy import BUILT_IN, KIND_BY_SUFFIX, Isolation
-from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S, TASK_NAMES
+from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import Isolation
+from minitouch_bench.protocol.limits import MAX_TIMEOUT_S
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 
 
 class _Once:

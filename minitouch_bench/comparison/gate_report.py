@@ -19,8 +19,8 @@ from minitouch_bench.comparison.comparison import (
     tables_by_metric,
 )
 from minitouch_bench.comparison.gate import GATE_SIDES, Decision, GateResult
-from minitouch_bench.comparison.methods import seeds_in_words, trainings_table
 from minitouch_bench.comparison.pairing import Effect
+from minitouch_bench.comparison.training_seeds import seeds_in_words, trainings_table
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.reporting import tables

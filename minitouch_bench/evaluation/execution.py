@@ -15,7 +15,7 @@ from minitouch_bench.episode import Outcome, PlayedEpisode
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.machine import RunEnvironment, installed_versions, machine_facts
-from minitouch_bench.policies.policy import computing_packages
+from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same, read_header
 from minitouch_bench.runs.plan import first_of

@@ -19,9 +19,8 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Note
 from minitouch_bench.evaluation.rollout import WorldOf
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import (
-    BUILT_IN,
-    FORMATS,
     SANDBOXED,
     TO_REMEMBER,
     Isolation,

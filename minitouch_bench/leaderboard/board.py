@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
-from minitouch_bench.leaderboard.entry import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
+from minitouch_bench.leaderboard.play import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.ranking import (
     BOARD_TASKS,
     OVERALL,
@@ -24,9 +24,9 @@ from minitouch_bench.leaderboard.submission import About
 from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
-from minitouch_bench.policies.policy import BUILT_IN
+from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.reporting.pages import Ending, ending_of
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.runs.run import Run
 
 CEILING = "scripted"

@@ -15,17 +15,11 @@ from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageErro
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard.entry import Entry
+from minitouch_bench.leaderboard.play import Entry
 from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
 from minitouch_bench.policies import lerobot
-from minitouch_bench.policies.policy import (
-    BUILT_IN,
-    DIRECTORY,
-    FORMATS,
-    SANDBOXED,
-    IsolationOptions,
-    PolicySource,
-)
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS
+from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
     CONFIG_FILE,

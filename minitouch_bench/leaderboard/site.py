@@ -12,7 +12,7 @@ from minitouch_bench import files
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_json
-from minitouch_bench.leaderboard import views
+from minitouch_bench.leaderboard import board_tables
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
     TOUCH_METRICS,
@@ -21,8 +21,8 @@ from minitouch_bench.leaderboard.board import (
     LeftOut,
     make_board,
 )
-from minitouch_bench.leaderboard.entry import Entry, PlayedRow
 from minitouch_bench.leaderboard.fresh import FRESH_EPISODES
+from minitouch_bench.leaderboard.play import Entry, PlayedRow
 from minitouch_bench.leaderboard.ranking import (
     BOARD_GOALS,
     BOARD_TASKS,
@@ -70,9 +70,9 @@ def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) 
         raise RunDirectoryError(f"{output} is not empty and has no {BOARD_FILE}: choose another")
     played, waiting, left_out = read_rows(submissions, results)
     board = make_board(played, waiting, left_out)
-    shown = views.views(board)
+    shown = board_tables.views(board)
     page_folder = files.make_folder(output / PAGES)
-    write_file(output / "leaderboard.md", views.board_markdown(board, shown))
+    write_file(output / "leaderboard.md", board_tables.board_markdown(board, shown))
     write_file(output / BOARD_FILE, write_json(board))
     write_file(output / "index.html", index_html(board, shown))
     rows = {row.name: row for row in board.rows}
@@ -126,7 +126,7 @@ def read_rows(
 # The index
 
 
-def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
+def index_html(board: Board, shown: Sequence[board_tables.BoardView]) -> str:
     """Write the index."""
     suite = PROTOCOL.suite(MAIN_SUITE)
     return pages.render_page(
@@ -142,7 +142,7 @@ def index_html(board: Board, shown: Sequence[views.BoardView]) -> str:
             for name, meaning in MODALITIES.items()
             if any(name in row.modalities for row in board.rows)
         },
-        notes=views.board_notes(),
+        notes=board_tables.board_notes(),
         tasks=len(suite.tasks),
         episodes=len(suite.tasks) * suite.episodes_per_task,
     )
@@ -171,7 +171,7 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
         checkpoint=policy,
         rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if OVERALL in ranks else "",
         why=[
-            (_title(key), ranks[key], views.explain_rank(board, row, key))
+            (_title(key), ranks[key], board_tables.explain_rank(board, row, key))
             for key in RANKED_BY
             if key in ranks
         ],
@@ -200,7 +200,9 @@ def _browsed(row: BoardRow, run: Run, path: str) -> pages.BrowsedRun:
 def _card(row: BoardRow, task: str, rank: str) -> pages.Card:
     card = pages.make_card(task, [(row.name, row.figures[task])], f"../pictures/{task}.png", rank)
     (value,) = card.values
-    return replace(card, values=(replace(value, cell=views.with_learned(value.cell, row, task)),))
+    return replace(
+        card, values=(replace(value, cell=board_tables.with_learned(value.cell, row, task)),)
+    )
 
 
 def _values(row: BoardRow) -> Table:
@@ -208,11 +210,11 @@ def _values(row: BoardRow) -> Table:
     for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
         cells = (labels.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
         rows.append(Row((labels.metric_head(metric), METRICS[metric].unit), tuple(cells)))
-    note = f"{views.EPISODE_VARIANCE[0].upper()}{views.EPISODE_VARIANCE[1:]}."
+    note = f"{board_tables.EPISODE_VARIANCE[0].upper()}{board_tables.EPISODE_VARIANCE[1:]}."
     if len(row.training_seeds) > 1:
         learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)
         rows.append(tables.make_row(("Learned", "seeds"), *learned))
-        note = views.SEED_VARIANCE
+        note = board_tables.SEED_VARIANCE
     return Table(
         title="All values",
         corner=("Metric", "Unit"),

@@ -18,7 +18,7 @@ from minitouch_bench import files
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError, RunDirectoryError, UsageError
 from minitouch_bench.json_io import parse_toml, take_table, whole
-from minitouch_bench.policies.policy import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
     CheckpointFile,

@@ -17,8 +17,8 @@ from minitouch_bench import errors
 from minitouch_bench.episode import IN_MEMORY, Observation
 from minitouch_bench.policies import policy, wire
 from minitouch_bench.policies.forkserver import seed_everything
+from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.policies.policy import (
-    FORMATS,
     SANDBOXED,
     Isolation,
     IsolationOptions,

@@ -33,7 +33,7 @@ from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnre
 from minitouch_bench.policies import wire
 from minitouch_bench.policies.policy import Policy, PolicySource, begin_episode, close_policy
 from minitouch_bench.policies.python_objects import make_policy
-from minitouch_bench.protocol.minitouch import MAX_TIMEOUT_S
+from minitouch_bench.protocol.limits import MAX_TIMEOUT_S
 from minitouch_bench.text import describe, plain_line
 
 MAX_OPEN_EPISODES = 1024

@@ -29,13 +29,8 @@ from minitouch_bench.errors import (
 from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.machine import require
 from minitouch_bench.policies import lerobot
-from minitouch_bench.policies.policy import (
-    BUILT_IN,
-    DIRECTORY,
-    FORMATS,
-    KIND_BY_SUFFIX,
-    PolicySource,
-)
+from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import DIRECTORY, PolicySource
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.text import describe
 

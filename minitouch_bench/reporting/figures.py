@@ -16,8 +16,8 @@ from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.summary import TaskResult
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting import charts, labels, report_tables
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.labels import RunSection, task_title
-from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.runs.run import Run
 
 BIN = 10

@@ -12,8 +12,8 @@ from minitouch_bench.metrics.starts import StartTest, judge_starts
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, OPENING, PROTOCOL, PUSHING
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import LegendItem
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.labels import task_title
-from minitouch_bench.reporting.pages import Ending, ending_of
 from minitouch_bench.text import numbered, printable
 
 MOST_SPOTS = 1_000

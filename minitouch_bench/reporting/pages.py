@@ -9,21 +9,21 @@ import hashlib
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
-from minitouch_bench.episode import Episode, Outcome, Role
+from minitouch_bench.episode import Episode, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.charts import LegendItem, draw_plot, series_tone
+from minitouch_bench.reporting.charts import draw_plot, series_tone
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
 from minitouch_bench.reporting.tables import Cell
 from minitouch_bench.runs.run import Run
@@ -143,53 +143,6 @@ def make_card(
 def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
     text, unit = estimate_cell(metric, estimates.get(metric)).text, METRICS[metric].unit
     return f"{text} {unit}" if metric in estimates and unit in ("s", "N") else text
-
-
-class Ending(StrEnum):
-    """How an episode ended; each one has exactly one ending."""
-
-    tone: str
-    meaning: str
-
-    def __new__(cls, value: str, tone: str, meaning: str) -> Self:
-        """Make an ending with its color, and what it means."""
-        ending = str.__new__(cls, value)
-        ending._value_, ending.tone, ending.meaning = value, tone, meaning
-        return ending
-
-    @property
-    def legend(self) -> LegendItem:
-        """Its color with its name."""
-        return LegendItem(self.value, self.tone, title=self.meaning)
-
-    # In the order of every table.
-    SUCCEEDED = "succeeded", "success", "the goal was reached"
-    TOUCHED = "touched", "touched", "Playing has no goal: a finger touched the object"
-    TOUCHED_FAILED = (
-        "touched, but failed", "failed", "a finger touched the object, the step limit came first",
-    )  # fmt: skip
-    LEFT = (
-        "object left the workspace", "left",
-        "a finger touched the object, which then left the workspace",
-    )  # fmt: skip
-    NEVER_TOUCHED = (
-        "never touched by a finger", "limit",
-        "no finger touched the object; the hand may have pushed it out of the workspace",
-    )  # fmt: skip
-    FAULT = "policy fault", "fault", "the policy raised, timed out or gave no valid action"
-
-
-def ending_of(episode: Episode) -> Ending:
-    """Return how an episode ended."""
-    if episode.outcome is Outcome.POLICY_FAULT:
-        return Ending.FAULT
-    if episode.success:
-        return Ending.SUCCEEDED
-    if not episode.touch_interaction:
-        return Ending.NEVER_TOUCHED
-    if episode.outcome is Outcome.LEFT_WORKSPACE:
-        return Ending.LEFT
-    return Ending.TOUCHED_FAILED if episode.task in GOAL_TASKS else Ending.TOUCHED
 
 
 @dataclass(frozen=True)

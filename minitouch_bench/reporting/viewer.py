@@ -20,8 +20,9 @@ from minitouch_bench.json_io import StrPath, checked
 from minitouch_bench.metrics.summary import measure
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.protocol.minitouch import OPENING, PICK_UP, PROTOCOL, PUSHING
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.labels import run_names, task_title
-from minitouch_bench.reporting.pages import TEMPLATES, Ending, ending_of, render_page
+from minitouch_bench.reporting.pages import TEMPLATES, render_page
 from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import numbered, printable

@@ -15,11 +15,10 @@ from minitouch_bench.episode import Count, EpisodeSpec, Role, Seed, Sha256OrNone
 from minitouch_bench.errors import UsageError
 from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.perturbation import UNPERTURBED, Perturbation
+from minitouch_bench.protocol.limits import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import (
     GOAL_TASKS,
     PROTOCOL,
-    USUAL_LIMITS,
-    PolicyLimits,
     episode_seed,
     policy_seed,
     suite_generator,

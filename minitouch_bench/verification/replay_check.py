@@ -11,7 +11,7 @@ from minitouch_bench.evaluation.engine import Engine, Note
 from minitouch_bench.evaluation.policy_setup import PolicySetup, Recording, prepare_policies
 from minitouch_bench.metrics.summary import measure, with_curves
 from minitouch_bench.policies.policy import SANDBOXED, IsolationOptions
-from minitouch_bench.protocol.minitouch import USUAL_LIMITS
+from minitouch_bench.protocol.limits import USUAL_LIMITS
 from minitouch_bench.runs.actions import Actions
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import numbered

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from minitouch_bench.commands.leaderboard import submit
+from minitouch_bench.commands.submit import submit
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.leaderboard import packing
 from minitouch_bench.policies.native import save_native

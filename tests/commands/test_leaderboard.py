@@ -5,7 +5,7 @@ import re
 import pytest
 
 from minitouch_bench.files import write_file
-from minitouch_bench.leaderboard.entry import RowFacts
+from minitouch_bench.leaderboard.play import RowFacts
 from tests.altered import ROOT
 from tests.commands.command import run, succeed
 from tests.leaderboard.playing import play_few
@@ -46,7 +46,7 @@ def test_rows_are_played_and_a_broken_one_is_named(root, monkeypatch):
     assert done.out == "reports/results/hac\n"
     assert "leaderboard build" in done.err
     monkeypatch.setattr(
-        "minitouch_bench.leaderboard.entry.play_row", lambda *_, **__: RowFacts(waiting="9 hours")
+        "minitouch_bench.leaderboard.play.play_row", lambda *_, **__: RowFacts(waiting="9 hours")
     )
     waits = run("leaderboard", "play", "hac", directory=root)
     assert (waits.code, waits.out) == (5, "hac: it stays waiting: 9 hours\n")

@@ -13,7 +13,7 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.files import lock_directory
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import Run
 

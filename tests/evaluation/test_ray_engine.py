@@ -19,8 +19,9 @@ from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import pack_source
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
+from minitouch_bench.policies.formats import KIND_BY_SUFFIX
 from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.policies.policy import KIND_BY_SUFFIX, Isolation
+from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.runs.plan import make_plan

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from minitouch_bench.leaderboard import entry, fresh
+from minitouch_bench.leaderboard import fresh, play
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor, VisualEncoder
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
@@ -27,7 +27,7 @@ def small_plan(suite):
 
 def play_few(patch) -> None:
     """Let rows have few episodes."""
-    for module in (entry, fresh):
+    for module in (play, fresh):
         patch.setattr(module, "make_plan", small_plan)
     patch.setattr(fresh, "FRESH_EPISODES", EPISODES)
 
@@ -36,7 +36,7 @@ def play_quickly(patch) -> None:
     """Let rows have few short episodes, whose policies are loaded in this process."""
     play_few(patch)
     here = IsolationOptions(Isolation.NONE, trust=True)
-    patch.setattr(entry, "prepare_policies", partial(entry.prepare_policies, isolation=here))
+    patch.setattr(play, "prepare_policies", partial(play.prepare_policies, isolation=here))
     play_here(patch, STEPS)
 
 

@@ -10,11 +10,12 @@ import numpy as np
 from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.files import PACKED_RUN_FILE, write_file
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard.entry import ROW_FILE, Entry, FreshDraw, RowFacts, RowRun
 from minitouch_bench.leaderboard.fresh import drop_p
+from minitouch_bench.leaderboard.play import ROW_FILE, Entry, FreshDraw, RowFacts, RowRun
 from minitouch_bench.leaderboard.submission import Submission
 from minitouch_bench.machine import RunEnvironment
-from minitouch_bench.policies.policy import BUILT_IN, NOTES
+from minitouch_bench.policies.formats import BUILT_IN
+from minitouch_bench.policies.policy import NOTES
 from minitouch_bench.policies.sources import ALL_TASKS, CheckpointFile, SubmittedTraining
 from minitouch_bench.runs.plan import Plan
 from minitouch_bench.runs.run import make_header, run_json

@@ -14,7 +14,8 @@ from minitouch_bench.leaderboard.board import (
     in_order,
     make_board,
 )
-from minitouch_bench.leaderboard.entry import ROW_FILE, Entry
+from minitouch_bench.leaderboard.board_tables import board_markdown, views
+from minitouch_bench.leaderboard.play import ROW_FILE, Entry
 from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
     BOARD_TASKS,
@@ -26,13 +27,12 @@ from minitouch_bench.leaderboard.ranking import (
     score,
 )
 from minitouch_bench.leaderboard.site import build_board, read_rows
-from minitouch_bench.leaderboard.views import board_markdown, views
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
+from minitouch_bench.reporting.endings import Ending
 from minitouch_bench.reporting.labels import estimate_cell
-from minitouch_bench.reporting.pages import Ending
 from tests.altered import ROOT
 from tests.leaderboard.synthetic import (
     ABOUT,

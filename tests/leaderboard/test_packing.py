@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from minitouch_bench.agents.config import make_config
-from minitouch_bench.commands.leaderboard import submit
+from minitouch_bench.commands.submit import submit
 from minitouch_bench.errors import PolicyError, RunDirectoryError, UsageError
 from minitouch_bench.files import write_file
 from minitouch_bench.json_io import write_toml

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from minitouch_bench.evaluation.engine import SILENT
-from minitouch_bench.leaderboard import entry as entries
 from minitouch_bench.leaderboard import fresh
-from minitouch_bench.leaderboard.entry import Entry, play_row
+from minitouch_bench.leaderboard import play as entries
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
+from minitouch_bench.leaderboard.play import Entry, play_row
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from tests.evaluation.runs import Here, request, run

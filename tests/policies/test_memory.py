@@ -13,12 +13,8 @@ from torch import Tensor, nn
 
 import minitouch_bench as mt
 from minitouch_bench.evaluation.policy_setup import prepare_policies
-from minitouch_bench.policies.policy import (
-    KIND_BY_SUFFIX,
-    Isolation,
-    IsolationOptions,
-    zero_observation,
-)
+from minitouch_bench.policies.formats import KIND_BY_SUFFIX
+from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.runs.plan import make_plan
 from tests.evaluation.runs import play_here
 from tests.policies.conftest import load

@@ -24,7 +24,7 @@ from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.policy_process import PolicyProcess
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 from tests.process_tree import is_alive, run_python, wait_until
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.reporting.pages import BrowsedRun, Ending, browser_data
+from minitouch_bench.reporting.endings import Ending
+from minitouch_bench.reporting.pages import BrowsedRun, browser_data
 from minitouch_bench.reporting.report import build_report, write_page
 from tests.process_tree import wait_until
 from tests.reporting.synthetic import make_run, write

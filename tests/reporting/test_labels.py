@@ -6,7 +6,7 @@ import pytest
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.perturbation import Perturbation
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from minitouch_bench.reporting.labels import (
     PAPER_METHODS,
     PAPER_TASKS,

@@ -9,7 +9,8 @@ from minitouch_bench.episode import IN_MEMORY, Role
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES, PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
 from minitouch_bench.runs.plan import choose_episodes, choose_tasks, make_plan
 from minitouch_bench.runs.run import make_header
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set

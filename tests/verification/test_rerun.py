@@ -5,7 +5,7 @@ import pytest
 
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.replay_check import draw_episodes, prepare_rerun, run_again
 from tests.evaluation.runs import Here, request

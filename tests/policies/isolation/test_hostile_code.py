@@ -17,7 +17,7 @@ from minitouch_bench.errors import (
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, zero_observation
 from minitouch_bench.policies.policy_process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from tests.policies.isolation import hostile_factory, hostile_modules
 from tests.process_tree import descendants
 

@@ -24,7 +24,7 @@ from minitouch_bench.files import ENTRY_MARK, LARGEST_CHECKPOINT
 from minitouch_bench.policies.policy import Isolation, IsolationOptions
 from minitouch_bench.policies.policy_process import PolicyProcess, isolate
 from minitouch_bench.policies.sources import parse_source
-from minitouch_bench.protocol.minitouch import PolicyLimits
+from minitouch_bench.protocol.limits import PolicyLimits
 from tests.archives import members, zipped
 from tests.policies.recipes import run_recipes
 from tests.policies.test_policy import onnx_bytes

@@ -14,8 +14,8 @@ from minitouch_bench.errors import (
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
-from minitouch_bench.leaderboard import entry as entries
-from minitouch_bench.leaderboard.entry import ROW_FILE, Entry, play_row
+from minitouch_bench.leaderboard import play as entries
+from minitouch_bench.leaderboard.play import ROW_FILE, Entry, play_row
 from minitouch_bench.leaderboard.submission import read_submission
 from minitouch_bench.policies.sources import parse_source
 from tests.evaluation.runs import Here
@@ -159,7 +159,7 @@ def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
 
 
 def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
-    monkeypatch.setattr(entries, "TRAINING_LIMIT_S", 1e-6)
+    monkeypatch.setattr(entries, "PLAY_LIMIT_S", 1e-6)
     monkeypatch.setattr(entries, "MEASURED_S", 0.0)
     count = Count()
     row = play(entry, count.callbacks())
@@ -181,7 +181,7 @@ import os, signal, sys
 from pathlib import Path
 import pytest
 from tests.leaderboard.playing import play_quickly
-from tests.leaderboard.test_entry import Count, Entry, play
+from tests.leaderboard.test_play import Count, Entry, play
 play_quickly(pytest.MonkeyPatch())
 count = Count(int(sys.argv[3]), lambda: os.kill(os.getpid(), signal.SIGKILL))
 play(Entry.open(*map(Path, sys.argv[1:3])), count.callbacks())

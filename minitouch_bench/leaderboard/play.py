@@ -39,7 +39,7 @@ ROW_FILE = "row.toml"
 FRESH = "-fresh"
 """Ending of the name of a folder with fresh episodes."""
 
-TRAINING_LIMIT_S = 6 * 3600.0
+PLAY_LIMIT_S = 6 * 3600.0
 """How long a training may take to play; a policy may use minutes in each episode."""
 MEASURED_S = 3600.0
 """After so long the time of a training is estimated; the machine can be busy for some minutes."""
@@ -299,8 +299,8 @@ def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
         played += 1
         elapsed = time.monotonic() - started
         seconds = elapsed / played * episodes
-        if elapsed >= MEASURED_S and seconds > TRAINING_LIMIT_S:
-            hours = f"about {seconds / 3600:.0f} hours, the limit is {TRAINING_LIMIT_S / 3600:.0f}"
+        if elapsed >= MEASURED_S and seconds > PLAY_LIMIT_S:
+            hours = f"about {seconds / 3600:.0f} hours, the limit is {PLAY_LIMIT_S / 3600:.0f}"
             raise errors.HopelessRunError(f"to play a training would take {hours}")
 
     return replace(callbacks, episode=episode)

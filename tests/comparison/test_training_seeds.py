@@ -9,7 +9,8 @@ from scipy import stats
 
 from minitouch_bench.comparison.gate import Decision, GateSettings, decide
 from minitouch_bench.comparison.gate_report import gate_json, gate_markdown, show_result
-from minitouch_bench.comparison.methods import (
+from minitouch_bench.comparison.pairing import PairedValues
+from minitouch_bench.comparison.training_seeds import (
     answer_line,
     compare_method_runs,
     compare_trainings,
@@ -18,7 +19,6 @@ from minitouch_bench.comparison.methods import (
     methods_markdown,
     training_differences,
 )
-from minitouch_bench.comparison.pairing import PairedValues
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.ranking import rank
 from minitouch_bench.metrics.intervals import newcombe, wilson
