@@ -1,16 +1,19 @@
 """Draw the pictures that reports and the README show, from the tasks themselves.
 
-The video is of policies that were trained by ``hac``: the checkpoints of a submission play the
-episodes of its row again.
+The video and the page of an episode are of policies that were trained by ``hac``: the checkpoints
+of a submission play the episodes of its row again. The page needs Chromium (apt-get install
+chromium).
 """
 
+import subprocess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from PIL import Image
 
 import minitouch_bench as mt
-from minitouch_bench.episode import Role
+from minitouch_bench.episode import Episode, EpisodeSpec, Role
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.files import RESULTS, SUBMISSIONS
 from minitouch_bench.policies.scripted import make_controller
@@ -27,9 +30,22 @@ SMOOTHING = 2
 VIDEO_WIDTH, VIDEO_HEIGHT = 240, 180
 VIDEO_STEPS = 30
 """Control steps of the video; a task that ends earlier stays as it ended."""
-FILMED = "hac/seed-20"
+FILMED = "hac/seed-30"
 """The training whose episodes are in the video, in ``submissions`` and in ``reports/results``."""
 FRAME_MS = 160
+
+PAGE_TASK, PAGE_ONSETS, PAGE_STEPS = "pick-up", 3, 25
+"""The page shows a success of this task with as many touches, the longest within these steps."""
+
+PAGE_SIZE = (1220, 1100)
+"""Pixels of the page's picture."""
+
+AT_LAST_STEP = """<script>
+const seek = document.getElementById("seek");
+seek.value = seek.max;
+seek.dispatchEvent(new Event("input"));
+</script></body>"""
+"""Shows the end of the episode in place of its beginning."""
 
 MOMENTS = {"playing": (3, 6), "pushing": (5, 8), "opening": (1, 15), "pick-up": (2, 9)}
 """Episode seed and control step of each picture."""
@@ -51,6 +67,7 @@ def main() -> None:
     half = joined.resize((joined.width // 2, joined.height // 2), Image.Resampling.LANCZOS)
     half.quantize(128).save(DOCUMENT_PICTURES / "tasks.png", optimize=True)
     write_video(DOCUMENT_PICTURES / "tasks.gif")
+    write_page(DOCUMENT_PICTURES / "viewer.png")
 
 
 def write_video(file: Path) -> None:
@@ -67,21 +84,49 @@ def frames_of(task: str) -> list[np.ndarray]:
 
     In a task with a goal it is one of those that succeed.
     """
-    run = mt.load_run(RESULTS / FILMED / "table4")
-    fitting = [
+    rows = [
         (spec, row)
-        for spec, row in run.specs_and_rows()
-        if spec.task == task
-        and spec.role is Role.FINAL
-        and (task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS))
+        for spec, row in rows_of(task)
+        if task not in GOAL_TASKS or (row.success and row.steps < VIDEO_STEPS)
     ]
-    spec, _ = max(fitting, key=lambda pair: pair[1].steps)
-    played = mt.evaluate(str(SUBMISSIONS / FILMED), episodes_from=[spec.key], progress=False)
-    actions = played.actions_of(spec.key)[: VIDEO_STEPS - 1]
+    spec, run = play_longest(rows)
+    actions = run.actions_of(spec.key)[: VIDEO_STEPS - 1]
     size = (VIDEO_WIDTH * SMOOTHING, VIDEO_HEIGHT * SMOOTHING)
     film = film_episode(Recording({spec: actions}, run.plan), spec, size)
     images = [np.asarray(shrink(image, VIDEO_WIDTH, VIDEO_HEIGHT)) for image in film.scenes]
     return images + images[-1:] * (VIDEO_STEPS - len(images))
+
+
+def rows_of(task: str) -> list[tuple[EpisodeSpec, Episode]]:
+    """Return the final policy's episodes of a task, as the row of FILMED has them."""
+    pairs = mt.load_run(RESULTS / FILMED / "table4").specs_and_rows()
+    return [pair for pair in pairs if pair[0].task == task and pair[0].role is Role.FINAL]
+
+
+def play_longest(rows: list[tuple[EpisodeSpec, Episode]]) -> tuple[EpisodeSpec, mt.Run]:
+    """Play the longest of these episodes again; return it with its run, which has the actions."""
+    spec, _ = max(rows, key=lambda pair: pair[1].steps)
+    policy = str(SUBMISSIONS / FILMED)
+    return spec, mt.evaluate(policy, name="hac", episodes_from=[spec.key], progress=False)
+
+
+def write_page(file: Path) -> None:
+    """Draw the page of a pick-up in which the object was lost and found again."""
+    rows = [
+        (spec, row)
+        for spec, row in rows_of(PAGE_TASK)
+        if row.success and row.touch_onsets >= PAGE_ONSETS and row.steps <= PAGE_STEPS
+    ]
+    spec, run = play_longest(rows)
+    with TemporaryDirectory() as folder:
+        page = Path(folder) / "page.html"
+        html = mt.replay(run, spec.key).html.replace("Content-Security-Policy", "unused")
+        page.write_text(html.replace("</body>", AT_LAST_STEP), encoding="utf-8")
+        options = ("--headless", "--no-sandbox", "--hide-scrollbars", f"--screenshot={file}")
+        size = ",".join(map(str, PAGE_SIZE))
+        command = ["chromium", *options, f"--window-size={size}", page.as_uri()]
+        subprocess.run(command, check=True, capture_output=True)
+    Image.open(file).convert("RGB").quantize(128).save(file, optimize=True)
 
 
 def shrink(image: np.ndarray, width: int, height: int) -> Image.Image:
