@@ -16,6 +16,7 @@ from minitouch_bench.console import episode_progress, note
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSIONS
 from minitouch_bench.json_io import whole_numbers, words
+from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.text import printable
@@ -98,13 +99,18 @@ def submit(
     else:
         seeds = whole_numbers("--training-seeds", training_seeds)
         checkpoints = packing.pack_policies(policies, exploration or [], seeds)
-        if not any(checkpoints.values()):  # a built-in policy
+        if not any(checkpoints.values()):
+            if name not in BUILT_IN:
+                raise errors.UsageError(
+                    f"'{policies[0]}' is a built-in policy: it has a row already"
+                )
             about |= {"modalities": ("state",) if name == "scripted" else (), "training_steps": 0}
     given = {"method": method, "learner": learner, "training_steps": training_steps}
     about |= {key: value for key, value in given.items() if value is not None}
     if "training_steps" not in about:
         raise errors.UsageError(
-            "--training-steps is missing: control steps of a training, 0 if none"
+            "--training-steps is missing: control steps of a training, 0 if none; above 0, give "
+            "--learner, too"
         )
     about |= {"modalities": senses} if senses else {}
     about |= {"name": name, "suites": for_suites, "authors": words(authors), "paper": paper}
@@ -120,7 +126,7 @@ def submit(
     for sentence in submission.equal_checkpoints(directory, packed):
         note(sentence)
     print(place)
-    note(f"next: minitouch-bench leaderboard play {name}, then minitouch-bench leaderboard build")
+    note(f"next: minitouch-bench leaderboard check {name}, and a pull request that adds {place}")
 
 
 def _refuse_unknown(option_name: str, given: Iterable[str], known: Collection[str]) -> None:

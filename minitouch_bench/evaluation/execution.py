@@ -172,18 +172,22 @@ def package_versions() -> dict[str, str]:
 
 
 def play_run(
-    setup: PolicySetup, opened: Journal | Run, engine: Engine, callbacks: Callbacks
+    setup: PolicySetup,
+    opened: Journal | Run,
+    engine: Engine,
+    callbacks: Callbacks,
+    option: str = "--resume",
 ) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
-    The callbacks also receive the episodes that are already done. A finished run is returned
-    unchanged.
+    ``option``: see ``resumable``. The callbacks also receive the episodes that are already done. A
+    finished run is returned unchanged.
     """
     if isinstance(opened, Run):
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
         return opened
     callbacks.phase("episodes", len(opened.header.specs()))
-    with resumable(opened.directory):
+    with resumable(opened.directory, option):
         for record in opened.records.values():
             callbacks.episode(record)
         run = play_missing(setup, opened, engine, callbacks.episode)
@@ -197,13 +201,16 @@ def play_run(
 
 
 @contextmanager
-def resumable(directory: Path | None) -> Iterator[None]:
+def resumable(directory: Path | None, option: str = "--resume") -> Iterator[None]:
     """Tell the user of an interrupted run how to continue it, or how to replace it.
 
-    A file that cannot be written, as on a full disk, interrupts one too.
+    ``option`` continues it, "" where the command does without. A file that cannot be written, as
+    on a full disk, interrupts one too.
     """
     kept = f"What is done is kept in {directory}"
-    usual = f"{kept}; the same command with --resume continues."
+    usual = f"{kept}; the same command with {option} continues."
+    if not option:
+        usual = f"{kept}; the same command continues."
     changed = (
         f"{kept}: --resume continues with the old file, --fresh begins again with the new one."
     )

@@ -203,7 +203,7 @@ def _heads(board: Board, key: str) -> Iterator[BoardLine]:
     groups = (
         (RANKED, in_order(board.ranked, key)),
         (UNRANKED, in_order(board.unranked, key)),
-        (CALIBRATION, board.calibration),
+        (CALIBRATION, in_order(board.calibration, key)),
     )
     for kind, rows in groups:
         for row in rows:
@@ -279,19 +279,21 @@ def board_notes() -> tuple[str, ...]:
     return (
         "Every row was played on a maintainer's machine from the submission's checkpoints: the "
         "official episodes, and fresh ones whose seeds were drawn afterwards. A row that is "
-        f"significantly worse in the fresh ones (one test, at {SIGNIFICANCE:.0%}) has no rank.",
-        "A rank is 1 + the number of rows that are significantly better; its range ends before "
-        "the rows that are significantly worse. All pairs of rows of a table are tested together "
-        f"at {ALPHA_IN_WORDS} (Holm). A row of several training seeds is compared as a method, a "
-        "row of one as a checkpoint. Where a method fails in some seeds, the tests err more often.",
+        f"significantly worse in the fresh ones (one test, at {100 * SIGNIFICANCE:g} %) has no "
+        "rank.",
+        "A rank is 1 + the number of rows that are significantly better. In a range such as 2 to "
+        "4, the second number leaves out the rows that are significantly worse. All pairs of rows "
+        f"of a table are tested together at {ALPHA_IN_WORDS} (Holm). A row of several training "
+        "seeds is compared as a method, a row of one as a checkpoint. Where a method fails in some "
+        "seeds, the tests err more often.",
         "Rows of several trainings are in the order of their values. A row of one training comes "
         "below every row whose interval reaches its value: one training can be a lucky one.",
         "p is corrected for all pairs of the table. With the number of training seeds per row that "
         "is named, the test finds the difference in 4 of 5 repetitions, if the true difference "
         "and the variance between seeds are those seen, the seeds' values are about normal and the "
         "episodes are the same. The number is a guess: a true difference half as large needs four "
-        f"times as many. No number: more than {MAX_SEEDS:,}, or a row of one seed, which "
-        "does not show how its seeds vary.",
+        f"times as many. It is left out above {MAX_SEEDS:,}, and for a row of one seed, which does "
+        "not show how its seeds vary.",
         f"Brackets: 95 % interval. One training seed: {intervals}; "
         f"{EPISODE_VARIANCE}. Several: {SEED_VARIANCE}",
         "Learned: the lower end of a training seed's interval of success is above "

@@ -166,8 +166,8 @@ def pack_submission(
     with lock_aside(submissions) as folder:
         if os.path.lexists(target):
             raise RunDirectoryError(
-                f"{target} is there: minitouch-bench leaderboard remove {target.name}, or choose "
-                "another --name"
+                f"{target} is there: minitouch-bench leaderboard remove {target.name} --yes, or "
+                "choose another --name"
             )
         copy = folder / submission.name
         files.write_file(copy / files.SUBMISSION_FILE, write_toml(submission))

@@ -115,7 +115,8 @@ def read_rows(
         if row.official:
             played.append(row)
         if missing := [suite for suite in entry.submission.suites if suite not in row.official]:
-            reason = row.row.waiting or f"minitouch-bench leaderboard play {name}"
+            command = f"minitouch-bench leaderboard play {name}"
+            reason = row.row.waiting or f"not played yet; a maintainer plays it by {command}"
             waiting.append(LeftOut(name, f"{', '.join(missing)}: {reason}"))
     folders = find_submissions(results) if results.is_dir() else []
     alone = [folder.name for folder in folders if folder.name not in names]

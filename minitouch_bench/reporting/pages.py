@@ -91,11 +91,11 @@ BESIDE_TOUCH = ("touched", "time_to_first_touch", "peak_force", "contact_force")
 
 @dataclass(frozen=True)
 class CardValue:
-    """The value of one run, and further ones beside it by label."""
+    """The value of one run, and further ones beside it by label and unit."""
 
     name: str
     cell: Cell
-    beside: tuple[tuple[str, str], ...]
+    beside: tuple[tuple[str, Cell], ...]
 
 
 @dataclass(frozen=True)
@@ -126,13 +126,16 @@ def make_card(
         CardValue(
             name=name,
             cell=estimate_cell(metric, estimates.get(metric), paper),
-            beside=tuple((METRICS[other].label, _with_unit(other, estimates)) for other in beside),
+            beside=tuple(
+                (_label_with_unit(other, task), estimate_cell(other, estimates.get(other)))
+                for other in beside
+            ),
         )
         for name, estimates in runs
     )
     return Card(
         title=task_title(task),
-        metric=f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}",
+        metric=_label_with_unit(metric, task),
         image=image,
         paper=f"{PAPER_METHODS[0]} in the paper: {paper}" if paper else "",
         values=values,
@@ -140,9 +143,8 @@ def make_card(
     )
 
 
-def _with_unit(metric: str, estimates: Mapping[str, Estimate]) -> str:
-    text, unit = estimate_cell(metric, estimates.get(metric)).text, METRICS[metric].unit
-    return f"{text} {unit}" if metric in estimates and unit in ("s", "N") else text
+def _label_with_unit(metric: str, task: str) -> str:
+    return f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
 
 
 @dataclass(frozen=True)

@@ -265,9 +265,10 @@ class Run:
         for spec, row in self.specs_and_rows():
             if spec.key == key:
                 return spec, row
-        specs, chosen = self.header.specs(), self.plan.chosen
-        names = first_of(chosen, NAMED) if chosen else f"{specs[0].key} to {specs[-1].key}"
-        raise UsageError(f"the run has no episode '{key}'; it has {names}")
+        by_task = {spec.key.rpartition("/")[0]: spec.key for spec in self.header.specs()}
+        names = [f"{task}/0 to {last}" for task, last in by_task.items()]
+        known = first_of(self.plan.chosen, NAMED) or ", ".join(names)
+        raise UsageError(f"the run has no episode '{key}'; it has {known}")
 
 
 def make_run(

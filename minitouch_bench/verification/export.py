@@ -103,7 +103,11 @@ def export_module(module: object, path: Path, task: str) -> Export:
     if path.suffix != EXPORTED:
         raise UsageError(f"{path} is not a name of what is written, a {EXPORTED} file")
     (spec,) = make_plan("smoke", (task,), episodes=1).specs()
-    pickled = keep_in_memory(module).content
+    try:
+        pickled = keep_in_memory(module).content
+    except PolicyLoadError as error:
+        reason = str(error).partition("\n")[0]  # its advice is for an evaluation
+        raise PolicyLoadError(f"{path} is not written: {reason}") from error
     content = _exported(_copy(pickled))
     digest = hashlib.sha256(content).hexdigest()
     file = PolicySource("torch.export", path.stem, str(path), digest, content=content)

@@ -250,7 +250,7 @@ def test_what_is_not_played_waits_with_its_command(tmp_path):
     (entry.results / ROW_FILE).write_text(write_toml(row))
     board = build(tmp_path)
     waiting = {one.name: one.reason for one in board.waiting}
-    assert "table4, novel-shapes: minitouch-bench leaderboard play new" in waiting["new"]
+    assert "table4, novel-shapes: not played yet" in waiting["new"]
     assert waiting["slow"] == "novel-shapes: it would take 9 hours"
     assert [row.name for row in board.ranked] == ["slow"]
     assert board.ranked[0].novel_shapes == {}
