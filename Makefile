@@ -62,6 +62,7 @@ leaderboard: $(READY)
 .PHONY: site
 # The documentation with the leaderboard, in site/: every dead link is an error. It opens offline.
 site: $(SITE)
+	@test -x $(BIN)/zensical || { echo "make site needs CPython 3.11.5 or later: make PYTHON=..." >&2; exit 1; }
 	$(BIN)/zensical build --clean --strict
 	cp -r reports/leaderboard site/leaderboard
 

@@ -210,15 +210,16 @@ def _values(row: BoardRow) -> Table:
     rows = []
     for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
         cells = (labels.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
-        rows.append(Row((labels.metric_head(metric), METRICS[metric].unit), tuple(cells)))
+        head = (labels.metric_head(metric),)
+        rows.append(Row(head, tuple(cells), unit=METRICS[metric].unit))
     note = f"{board_tables.EPISODE_VARIANCE[0].upper()}{board_tables.EPISODE_VARIANCE[1:]}."
     if len(row.training_seeds) > 1:
         learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)
-        rows.append(tables.make_row(("Learned", "seeds"), *learned))
+        rows.append(tables.make_row(("Learned, training seeds",), *learned))
         note = board_tables.SEED_VARIANCE
     return Table(
         title="All values",
-        corner=("Metric", "Unit"),
+        corner=("Metric",),
         columns=tables.make_columns(*map(task_title, BOARD_TASKS)),
         rows=tuple(rows),
         notes=(f"Brackets: 95 % interval. {note}",),
