@@ -284,6 +284,13 @@ def finished_cells(output: Path) -> set[Cell]:
     return {Cell(*row) for row in pd.read_csv(file)[KEY].itertuples(index=False)}
 
 
+def check_complete(design: Mapping[str, Any], directory: Path) -> None:
+    """Exit where the rows of a training of the design are missing."""
+    cells = {*cells_of(design)}
+    if missing := cells - finished_cells(directory):
+        sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
+
+
 def run_grid(
     design_file: Path, output: Path, workers: int = 1, only: Sequence[str] = ("*",)
 ) -> dict[Cell, str]:

@@ -17,7 +17,7 @@ import pandas as pd
 
 from experiments.analysis import read_rows, table_lines
 from experiments.figures import COLORS, SAME_BYTES, SHARE
-from experiments.grid import cells_of, check_lock, finished_cells, read_design
+from experiments.grid import check_complete, check_lock, read_design
 from minitouch_bench.metrics.intervals import OVER_SEEDS, student_mean
 from minitouch_bench.metrics.statistics import ALPHA, holm
 
@@ -150,9 +150,7 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
     Raises:
         SystemExit: the rows of a training of the design are missing.
     """
-    cells = {*cells_of(design)}
-    if missing := cells - finished_cells(directory):
-        sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
+    check_complete(design, directory)
     rows = read_rows(directory, "estimates")
     success = rows[(rows["metric"] == "success") & (rows["conditions"] == "")]
     by_measure = {
@@ -160,14 +158,18 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
         for (arm, suite), group in success.groupby(["method", "suite"])
     }
     curves = read_rows(directory, "curves")
-    early = curves[(curves["phase"] == "task")]
+    early = curves[curves["phase"] == "task"]
     early = early[early["step"] <= early["exploration_steps"] + EARLY]
-    for arm, group in early.groupby("method"):
-        won = (group["success"].fillna(0.0) * group["episodes"]).groupby(group["training_seed"])
-        by_measure[arm, EARLY_SUCCESS] = (
-            won.sum() / group["episodes"].groupby(group["training_seed"]).sum()
-        )
+    for arm, rows in early.groupby("method"):
+        won, episodes = _count_by_seed(rows)
+        by_measure[arm, EARLY_SUCCESS] = won / episodes
     return {key: one[design["seeds"]].to_numpy(float) for key, one in by_measure.items()}
+
+
+def _count_by_seed(curves: pd.DataFrame) -> tuple["pd.Series[float]", "pd.Series[int]"]:
+    """Return the successes and the episodes of rows of ``progress.csv``, by training seed."""
+    won = (curves["success"].fillna(0.0) * curves["episodes"]).groupby(curves["training_seed"])
+    return won.sum(), curves.groupby("training_seed")["episodes"].sum()
 
 
 def check_explorations(directory: Path) -> None:
@@ -271,10 +273,7 @@ def _seed_lines(design: Mapping[str, Any], values: Values, directory: Path) -> l
     curves = read_rows(directory, "curves")
     curves = curves[curves["method"] == design["methods"][0]]
     explored = curves[curves["phase"] == "exploration"]
-    won = (explored["success"].fillna(0.0) * explored["episodes"]).groupby(
-        explored["training_seed"]
-    )
-    openings, episodes = won.sum(), explored.groupby("training_seed")["episodes"].sum()
+    openings, episodes = _count_by_seed(explored)
     rows = [
         [
             str(seed),

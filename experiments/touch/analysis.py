@@ -4,7 +4,6 @@ Every value is the mean of one training seed's official episodes. The same rows 
 ``python -m experiments.touch.analysis``.
 """
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -29,7 +28,7 @@ from experiments.analysis import (
     table_lines,
 )
 from experiments.figures import COLORS, SAME_BYTES
-from experiments.grid import cells_of, check_lock, finished_cells, read_design
+from experiments.grid import check_complete, check_lock, read_design
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import OVER_SEEDS
 from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
@@ -296,9 +295,7 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
     Raises:
         SystemExit: the rows of a training of the design are missing.
     """
-    cells = {*cells_of(design)}
-    if missing := cells - finished_cells(directory):
-        sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
+    check_complete(design, directory)
     rows = read_rows(directory, "estimates").sort_values("training_seed", kind="stable")
     main = rows[(rows["suite"] == "table4") & (rows["conditions"] == "")]
     return {

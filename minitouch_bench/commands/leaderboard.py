@@ -8,13 +8,7 @@ import typer
 
 from minitouch_bench import errors
 from minitouch_bench.commands import options
-from minitouch_bench.commands.options import (
-    Command,
-    argument,
-    flag,
-    make_group,
-    option,
-)
+from minitouch_bench.commands.options import Command, argument, flag, make_group, option
 from minitouch_bench.console import episode_progress, note, print_problems
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, RESULTS, SUBMISSIONS

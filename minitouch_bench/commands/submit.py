@@ -7,11 +7,7 @@ from typing import Annotated, Any
 
 from minitouch_bench import errors
 from minitouch_bench.commands import options
-from minitouch_bench.commands.options import (
-    argument,
-    option,
-    output_option,
-)
+from minitouch_bench.commands.options import argument, option, output_option
 from minitouch_bench.console import episode_progress, note
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSIONS

@@ -176,18 +176,18 @@ def play_run(
     opened: Journal | Run,
     engine: Engine,
     callbacks: Callbacks,
-    option: str = "--resume",
+    how: str = "with --resume ",
 ) -> Run:
     """Play the episodes that are missing, and keep the facts of the run in its directory.
 
-    ``option``: see ``resumable``. The callbacks also receive the episodes that are already done. A
+    ``how``: see ``resumable``. The callbacks also receive the episodes that are already done. A
     finished run is returned unchanged.
     """
     if isinstance(opened, Run):
         callbacks.note(f"{opened.directory} contains the finished run: no episode is missing")
         return opened
     callbacks.phase("episodes", len(opened.header.specs()))
-    with resumable(opened.directory, option):
+    with resumable(opened.directory, how):
         for record in opened.records.values():
             callbacks.episode(record)
         run = play_missing(setup, opened, engine, callbacks.episode)
@@ -201,16 +201,14 @@ def play_run(
 
 
 @contextmanager
-def resumable(directory: Path | None, option: str = "--resume") -> Iterator[None]:
+def resumable(directory: Path | None, how: str = "with --resume ") -> Iterator[None]:
     """Tell the user of an interrupted run how to continue it, or how to replace it.
 
-    ``option`` continues it, "" where the command does without. A file that cannot be written, as
-    on a full disk, interrupts one too.
+    The same command continues it, ``how`` says with which option. A file that cannot be written,
+    as on a full disk, interrupts a run too.
     """
     kept = f"What is done is kept in {directory}"
-    usual = f"{kept}; the same command with {option} continues."
-    if not option:
-        usual = f"{kept}; the same command continues."
+    usual = f"{kept}; the same command {how}continues."
     changed = (
         f"{kept}: --resume continues with the old file, --fresh begins again with the new one."
     )

@@ -323,6 +323,6 @@ def _play_part(
             opened = open_run(header, place, resume=True)
         except errors.RunDirectoryError:  # of a checkpoint that was replaced since
             opened = open_run(header, place, fresh=True)
-        run = play_run(setup, opened, engine, callbacks, option="")
+        run = play_run(setup, opened, engine, callbacks, how="")
     content = gzip.compress(run.content, mtime=0)
     files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)

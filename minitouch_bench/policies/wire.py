@@ -68,6 +68,8 @@ class Frame(IntEnum):
     RAISED = 8
 
 
+KINDS = frozenset(Frame)
+
 FAILURES: Mapping[Frame, type[errors.MiniTouchError]] = {
     Frame.REFUSED: errors.PolicyLoadError,
     Frame.INVALID: errors.InvalidActionError,
@@ -261,7 +263,7 @@ class EpisodeChannel:
         if len(self._received) < HEADER.size:
             return HEADER.size
         kind, length = HEADER.unpack_from(self._received)
-        if kind not in {*Frame} or length > MAX_PAYLOAD:
+        if kind not in KINDS or length > MAX_PAYLOAD:
             raise WireError(f"a packet of kind {kind} with {length} bytes")
         return HEADER.size + length
 

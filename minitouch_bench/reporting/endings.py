@@ -22,7 +22,7 @@ class Ending(StrEnum):
 
     @property
     def legend(self) -> LegendItem:
-        """Its color with its name."""
+        """The color of this ending, with its name."""
         return LegendItem(self.value, self.tone, title=self.meaning)
 
     # In the order of every table.

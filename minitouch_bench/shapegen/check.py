@@ -1,4 +1,4 @@
-"""Check a shape set against its manifest, and write a page with a picture of each shape."""
+"""Check a shape set against its manifest, and draw its shapes on a page."""
 
 import base64
 import io

@@ -114,9 +114,9 @@ def test_a_name_that_cannot_be_used_is_refused_in_a_line(
 def test_a_working_directory_that_was_removed_is_named_in_a_line(tmp_path):
     (tmp_path / "gone").mkdir()
     command = Path(sys.executable).with_name("minitouch-bench")
+    script = ["sh", "-c", 'rmdir "$PWD" && exec "$0" tasks', command]
     done = subprocess.run(
-        ["env", "-C", tmp_path / "gone", "sh", "-c", 'rmdir "$PWD" && exec "$0" tasks', command],
-        check=False, capture_output=True, text=True,
-    )  # fmt: skip
+        script, cwd=tmp_path / "gone", check=False, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "was removed" in done.stderr
