@@ -31,15 +31,15 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
         read_submission,
     )
 
-    is_sound = True
+    is_valid = True
     for name in names:
         if problems := [*check_submission(submissions / name)]:
             print_problems(name, problems)
-            is_sound = False
+            is_valid = False
         else:
             copies = equal_checkpoints(submissions, read_submission(submissions / name))
-            print_problems(name, ["sound", *copies])
-    if not is_sound:
+            print_problems(name, ["files and rules in order; nothing was loaded", *copies])
+    if not is_valid:
         raise typer.Exit(errors.CHECK_FAILED)
 
 

@@ -75,6 +75,13 @@ class BoardRow(About):
         return self.name in BUILT_IN
 
     @property
+    def trainings(self) -> str:
+        """How many trainings it has, "" where nothing was trained."""
+        seeds = len(self.training_seeds)
+        trainings = "one training" if seeds == 1 else f"{seeds} trainings"
+        return trainings if self.training_steps else ""
+
+    @property
     def why_no_rank(self) -> str:
         """Why it has no rank, "" where it has one."""
         if self.is_calibration:
@@ -116,13 +123,9 @@ def amount(number: int) -> str:
     return str(number) if number else "none"
 
 
-def _seeds(seeds: tuple[int, ...]) -> str:
-    return "one training" if len(seeds) == 1 else f"{len(seeds)} trainings"
-
-
 @dataclass(frozen=True)
 class ColumnSpec:
-    """How a field of ``BoardRow`` is shown.
+    """How a field or property of ``BoardRow`` is shown.
 
     Args:
         label: Heading of the column.
@@ -147,7 +150,7 @@ COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
     "learner": ColumnSpec("Learner", "column"),
     "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
-    "training_seeds": ColumnSpec("Trainings", "name", write=_seeds),
+    "trainings": ColumnSpec("Trainings", "name"),
     "modalities": ColumnSpec("Modalities", "name"),
     "labels": ColumnSpec("Labels", "name"),
     "played": ColumnSpec("Played", "column"),
@@ -157,7 +160,7 @@ COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "license": ColumnSpec("License"),
     "notes": ColumnSpec("Notes"),
 }
-"""The columns of the board, beside its estimates: fields of ``BoardRow`` in order."""
+"""The columns of the board, beside its estimates: fields and properties of ``BoardRow`` in order."""
 
 
 @dataclass(frozen=True)
