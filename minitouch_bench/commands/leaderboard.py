@@ -1,6 +1,5 @@
 """``minitouch-bench leaderboard``: check submissions, play their rows, build the leaderboard."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,7 @@ import typer
 
 from minitouch_bench import errors
 from minitouch_bench.commands import options
-from minitouch_bench.commands.options import Command, argument, flag, make_group, option
+from minitouch_bench.commands.options import Command, argument, make_group, option
 from minitouch_bench.console import episode_progress, note, print_problems
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import REPORTS, RESULTS, SUBMISSIONS
@@ -106,22 +105,15 @@ def build(
     print(output / "index.html")
 
 
-@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard remove my-policy --yes")
+@app.command(cls=Command, epilog="Example: minitouch-bench leaderboard remove my-policy")
 def remove(
     name: Annotated[str, argument("NAME", "Name of the submission.")],
     *,
     submissions: Submissions = SUBMISSIONS,
     results: Results = RESULTS,
-    yes: Annotated[bool, flag("--yes", "Remove it; otherwise what would go is shown.")] = False,
 ) -> None:
     """Remove a submission and its results."""
-    from minitouch_bench.leaderboard.packing import find_removable, remove_submission
+    from minitouch_bench.leaderboard.packing import remove_submission
 
-    there = find_removable(submissions, results, name)
-    for path in there:
-        note(f"{path}{os.sep}")
-    if not yes:
-        raise errors.UsageError("nothing is removed without --yes")
-    remove_submission(submissions, there)
-    print(*there, sep="\n")
+    print(*remove_submission(submissions, results, name), sep="\n")
     note("removed; next: minitouch-bench leaderboard build")

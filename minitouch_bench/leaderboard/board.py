@@ -125,7 +125,7 @@ def amount(number: int) -> str:
 
 @dataclass(frozen=True)
 class ColumnSpec:
-    """How a field or property of ``BoardRow`` is shown.
+    """How an attribute of ``BoardRow`` is shown.
 
     Args:
         label: Heading of the column.
@@ -160,7 +160,7 @@ COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "license": ColumnSpec("License"),
     "notes": ColumnSpec("Notes"),
 }
-"""The columns of the board, beside its estimates: fields and properties of ``BoardRow`` in order."""
+"""The columns of the board, beside its estimates: attributes of ``BoardRow`` in order."""
 
 
 @dataclass(frozen=True)

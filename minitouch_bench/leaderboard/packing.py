@@ -3,7 +3,7 @@
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -166,7 +166,7 @@ def pack_submission(
     with lock_aside(submissions) as folder:
         if os.path.lexists(target):
             raise RunDirectoryError(
-                f"{target} is there: minitouch-bench leaderboard remove {target.name} --yes, or "
+                f"{target} is there: minitouch-bench leaderboard remove {target.name}, or "
                 "choose another --name"
             )
         copy = folder / submission.name
@@ -224,26 +224,21 @@ def lock_aside(submissions: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def find_removable(submissions: Path, results: Path, name: str) -> list[Path]:
-    """Return the folders of a submission and of its results that are there.
+def remove_submission(submissions: Path, results: Path, name: str) -> list[Path]:
+    """Remove a submission and its results, whichever is there; return the folders.
+
+    Killed in between, it leaves nothing half removed.
 
     Raises:
         UsageError: neither is there.
+        RunDirectoryError: a file cannot be removed.
     """
     is_name = re.search(str(NAME.pattern), name)  # so that it leads nowhere else
     there = [*filter(files.is_folder, (submissions / name, results / name))] if is_name else []
     if not there:
         raise UsageError(f"there is no submission '{printable(name)}' in {submissions}")
-    return there
-
-
-def remove_submission(submissions: Path, there: Iterable[Path]) -> None:
-    """Remove what ``find_removable`` found; killed in between, it leaves nothing half removed.
-
-    Raises:
-        RunDirectoryError: a file cannot be removed.
-    """
     with lock_aside(submissions) as aside:
         for number, path in enumerate(there):
             with files.os_errors_as(RunDirectoryError, path, "removed"):
                 path.rename(aside / str(number))
+    return there
