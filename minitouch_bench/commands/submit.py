@@ -122,7 +122,14 @@ def submit(
     for sentence in submission.equal_checkpoints(directory, packed):
         note(sentence)
     print(place)
-    note(f"next: minitouch-bench leaderboard check {name}, and a pull request that adds {place}")
+    for path in packing.too_large_for_github(place):
+        note(
+            f"GitHub takes no file as large as {path}: upload it to the Hub, and submit "
+            f"hf://USER/REPO/{path.name} instead"
+        )
+    where = "" if directory == SUBMISSIONS else f" --submissions {directory}"
+    check = f"minitouch-bench leaderboard check {name}{where}"
+    note(f"next: {check}, and a pull request that adds {place}")
 
 
 def _refuse_unknown(option_name: str, given: Iterable[str], known: Collection[str]) -> None:

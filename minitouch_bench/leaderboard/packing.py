@@ -37,6 +37,8 @@ from minitouch_bench.text import printable
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""
 
+GITHUB_LIMIT = 100 * files.MIB
+"""Bytes of a file, above which no pull request on GitHub can add it."""
 
 Checkpoints = Mapping[int, Mapping[CheckpointFile, Path]]
 """By training seed the files of its policies, and where each is now."""
@@ -222,6 +224,15 @@ def lock_aside(submissions: Path) -> Iterator[Path]:
             yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def too_large_for_github(submission: Path) -> list[Path]:
+    """Return the checkpoints of a submission that no pull request can add."""
+    return [
+        path
+        for path in sorted(submission.glob("checkpoints/**/*"))
+        if path.is_file() and path.stat().st_size > GITHUB_LIMIT
+    ]
 
 
 def remove_submission(submissions: Path, results: Path, name: str) -> list[Path]:

@@ -323,7 +323,10 @@ def _parse_training(path: Path, role: Role, found: list[Path]) -> PolicySource:
             f"{path} is an unfinished training: finish it with train --resume, or name a file in it"
         )
     else:
-        text = f"{path} has no policies in it; name one file a task, as in {TASK_NAMES[1]}.onnx"
+        text = (
+            f"{path} has no policies in it; give the directory of one training, or name one file a "
+            f"task, as in {TASK_NAMES[1]}.onnx"
+        )
     raise PolicyLoadError(text)
 
 

@@ -8,6 +8,7 @@ from tests.altered import ROOT
 
 CODE_MAP = ROOT / "docs" / "project" / "code-map.md"
 IN_CODE = re.compile(r"`(\w+(?:\.(?!(?:md|py|js|css|gif|csv|toml|txt|yml|json|cff)\b)\w+)?)`")
+FOLDER = re.compile(r"`([a-z_]+/[a-z_]+/)`")
 CONSTANT = re.compile(r"\b[A-Z][A-Z_]{3,}[A-Z]\b(?!\.)")
 
 
@@ -32,3 +33,7 @@ def test_every_name_in_the_code_map_exists():
     known = {name for file in files for name in defined_in(file)} | METRICS.keys()
     assert len(named) > 60
     assert named - known == set()
+    folders = FOLDER.findall(text)
+    assert folders
+    places = (ROOT, ROOT / "minitouch_bench")
+    assert [one for one in folders if not any((place / one).is_dir() for place in places)] == []

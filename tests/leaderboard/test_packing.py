@@ -46,9 +46,13 @@ def state(directory):
     return {path.relative_to(directory): path.read_bytes() for path in files}
 
 
-def test_the_trial_plays_each_policy_and_the_submission_is_whole(capsys):
+def test_the_trial_plays_each_policy_and_the_submission_is_whole(capsys, monkeypatch):
+    monkeypatch.setattr(packing, "GITHUB_LIMIT", 10)
     submit(["policy-0.safetensors"], exploration=["policy-1.safetensors"], workers="1", **ABOUT)
-    assert capsys.readouterr().out == "submissions/hac\n"
+    told_user = capsys.readouterr()
+    assert told_user.out == "submissions/hac\n"
+    assert "hf://USER/REPO/policy-0.safetensors" in told_user.err
+    assert "hf://USER/REPO/submission.toml" not in told_user.err
     found = told()
     assert [file.role for file in found.trainings[0].checkpoints] == ["final", "exploration"]
     assert {path.name for path in Path("submissions/hac").iterdir()} == {
