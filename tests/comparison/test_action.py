@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,7 @@ def gate(tmp_path, code=0, decision="no regression", refused="", **given):
         cwd=tmp_path,
         env={
             **variables,
-            "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            "PATH": f"{tmp_path}:{Path(sys.executable).parent}:{os.environ['PATH']}",
             "GIT_CEILING_DIRECTORIES": str(tmp_path.parent),
             "RUNNER_TEMP": str(tmp_path.parent),
             "GITHUB_OUTPUT": str(tmp_path / "output"),
