@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 DEV    := $(VENV)/.dev
 SITE   := $(VENV)/.site
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+PIP    := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
   --constraint constraints.txt
 
 # Modules are compiled when they are first imported, and kept: otherwise each process compiles
@@ -32,7 +32,7 @@ test-wheel: $(DEV)
 	$(BIN)/python -m pytest -n 0 -m slow tests/test_wheel.py
 
 LEROBOT        := .venv-lerobot
-LEROBOT_PIP    := $(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check
+LEROBOT_PIP    := PYTHONWARNINGS=ignore $(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check
 LEROBOT_PYTHON ?= $(shell for python in python3.12 python3.13 python3 \
   $(HOME)/.pyenv/versions/3.1[23].*/bin/python; do \
   $$python -c "import sys; sys.exit(sys.version_info[:2] not in ((3, 12), (3, 13)))" 2>/dev/null \
