@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+import minitouch_bench as mt
 from minitouch_bench.files import write_file
 from minitouch_bench.leaderboard.play import RowFacts
 from tests.altered import ROOT
@@ -93,6 +94,21 @@ def test_the_page_about_it_has_the_learned_rows_of_today():
     assert len(rows) == page.count("| `")
     for rank, name, mean in rows:
         assert f"| `{name}` | {mean} | {rank} |" in page
+
+
+def test_the_page_about_it_says_where_hac_fails_and_how_hard_it_presses():
+    run = mt.load_run(ROOT / "reports/results/hac/seed-30/table4")
+    page = (ROOT / "docs/results/leaderboard.md").read_text()
+    goals = run.episodes[run.episodes["task"].isin(["pushing", "pick-up"])]
+    count = goals.groupby(["task", "outcome"]).size()
+    lost, slow = count["pushing", "left_workspace"], count["pushing", "step_limit"]
+    assert f"Pushing fails in {lost + slow} of 100 episodes: {slow} reach" in page
+    assert f"step limit, {lost} push" in page
+    pick_up = goals[goals["task"] == "pick-up"]
+    assert f"Pick-up fails in {(~pick_up['success']).sum()} of 100: " in page
+    assert f"{count['pick-up', 'left_workspace']} objects leave" in page
+    force = run["opening"].estimates["peak_force"]
+    assert f"{force.value:.1f} N [{force.low:.1f}, {force.high:.1f}]" in page
 
 
 def test_a_submission_is_removed_with_its_results(root):
