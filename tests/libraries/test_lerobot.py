@@ -190,7 +190,7 @@ def test_a_policy_that_lerobot_trained_is_evaluated_verified_and_submitted(datas
         digests.add(facts["digest"])
     assert len(digests) == 1
     run("minitouch-bench", "verify", "first", "--rerun", "1", directory=dataset)
-    submit = ("submit", policy, "--name", "act", "--training-steps", "20")
+    submit = ("submit", policy, "--name", "act", "--training-steps", "20", "--learner", "ACT")
     run("minitouch-bench", *submit, directory=dataset)
     run("minitouch-bench", "leaderboard", "check", "act", directory=dataset)
 
