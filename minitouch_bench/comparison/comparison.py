@@ -42,7 +42,7 @@ COMPARISON_VERSION = 4
 SMALLEST_P = 0.0001
 """A smaller p-value is written as "less than this one": the bootstrap is no finer."""
 
-NOT_ALIKE = "The runs also differ beside the policies"
+NOT_ALIKE = "Not alike"
 
 SHOWN_CHANGES, LISTED_CHANGES = 20, 10
 """Changed episodes that a screen, and that a page lists; the JSON has all of them."""

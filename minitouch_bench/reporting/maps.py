@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from minitouch_bench.episode import Episode, Outcome
@@ -79,15 +79,20 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     return charts.Figure(
         "starts",
         "Where it succeeds and fails",
-        "Where episodes begin, seen from above and to scale, the robot below. A square stands for "
-        "several episodes and is divided by how they ended; a click on a dot shows its episode. "
-        "Below a map: the part of the starts whose success differs most from the rest, if one "
-        "permutation test over all parts finds a difference. p is adjusted for the "
-        f"{numbered(len(tested), 'map')} with a goal.",
+        f"{_legend_of([one.task for one in tasks])}A square stands for several episodes and is "
+        "divided by how they ended; a click on a dot shows its episode. Below a map: the part of "
+        "the starts whose success differs most from the rest, if one permutation test over all "
+        f"parts finds a difference. p is adjusted for the {numbered(len(tested), 'map')} with a "
+        "goal.",
         tuple(plots),
         _in_order(levels),
     )
 
+
+FROM_ABOVE = "Where episodes begin, seen from above and to scale, the robot below. "
+ON_A_LINE = (
+    "In Opening the handles are almost on one line, and their dots are stacked towards the robot. "
+)
 
 EpisodePair = tuple[Episode, Episode]
 """An episode as two policies played it."""
@@ -114,9 +119,14 @@ def change_figure(
         note = f"gained {counts[gained]}, lost {counts[lost]}, equal {counts[equal]}"
         mapped = MappedTask(task, task_title(task), ())
         plots.append(draw_map(mapped, placed, f"{second} against {first}: {note} episodes."))
-    text = "Where episodes begin, seen from above and to scale, the robot below."
+    text = _legend_of(pairs).rstrip()
     legend = (gained, lost, equal)
     return charts.Figure(key, f"What {second} gains and loses", text, tuple(plots), legend)
+
+
+def _legend_of(tasks: Collection[str]) -> str:
+    """Say what the maps of some tasks show."""
+    return FROM_ABOVE + (ON_A_LINE if OPENING.name in tasks else "")
 
 
 def sentence(test: StartTest) -> str:
