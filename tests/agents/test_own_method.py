@@ -82,6 +82,10 @@ class Wrong(Curiosity):
 class Raising(Wrong):
     def errors(self, batch):
         raise KeyError("it is missing")
+
+class Leaving(Wrong):
+    def errors(self, batch):
+        raise SystemExit
 """
 
 
@@ -93,11 +97,14 @@ class Raising(Wrong):
         ("mine:Missing", "Missing"),
         ("nowhere:Class", "nowhere"),
         ("mine:Wrong", "(4, 1)"),
+        ("mine:Leaving", "SystemExit"),
+        ("leaving:Class", "SystemExit"),
         ("mine:Raising", "it is missing' (mine.py:17 in errors)"),
     ],
 )
 def test_a_faulty_class_is_named_in_one_line(name, words, beside):
     (beside / "mine.py").write_text(MINE)
+    (beside / "leaving.py").write_text("raise SystemExit")
     with pytest.raises(UsageError) as refused:
         run_training(replace(CONFIG, method=name), beside / "run", device="cpu", trust=True)
     assert words in str(refused.value)
