@@ -66,7 +66,7 @@ def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) 
         UsageError: there is no directory of submissions.
         RunDirectoryError: a file cannot be written, or ``output`` has files and is not a board.
     """
-    if files.entries_of(output) and not (output / BOARD_FILE).is_file():
+    if files.entries_of(output) and not _is_board(output):
         raise RunDirectoryError(f"{output} is not empty and has no {BOARD_FILE}: choose another")
     played, waiting, left_out = read_rows(submissions, results)
     board = make_board(played, waiting, left_out)
@@ -88,6 +88,12 @@ def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) 
         picture = pages.PICTURES / f"{task}.png"
         write_file(output / SITE_PICTURES / picture.name, picture.read_bytes())
     return board
+
+
+def _is_board(folder: Path) -> bool:
+    """Tell whether a folder was written by ``build_board``."""
+    file = folder / BOARD_FILE
+    return file.is_file() and b'"minitouch-leaderboard"' in files.read_file(file)
 
 
 def read_rows(

@@ -45,3 +45,10 @@ def test_a_wrong_scale_is_named(tmp_path, scales, word):
     options = [word for scale in scales for word in ("--scale", scale)]
     done = run("shapes", "import", "a.obj", "--output", "set", *options, directory=tmp_path)
     done.refused(2, word)
+
+
+def test_a_set_is_not_called_like_objects_of_the_benchmark(tmp_path):
+    (tmp_path / "a.obj").touch()
+    for name in ("train", "cube"):
+        done = run("shapes", "import", "a.obj", "--output", name, directory=tmp_path)
+        done.refused(2, "--objects")

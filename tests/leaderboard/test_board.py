@@ -284,7 +284,9 @@ def test_what_cannot_be_shown_is_named_and_the_others_stay(root, tmp_path, spoil
     assert not (tmp_path / "copy" / "board" / "submission" / "near.html").exists()
 
 
-def test_a_folder_that_is_not_a_board_is_not_written_to(root, tmp_path):
+@pytest.mark.parametrize("other", ["index.html", "leaderboard.json"])
+def test_a_folder_that_is_not_a_board_is_not_written_to(root, tmp_path, other):
+    (tmp_path / other).write_text("{}")
     (tmp_path / "submission").mkdir()
     (tmp_path / "submission" / "mine.html").write_text("somebody's page")
     with pytest.raises(RunDirectoryError, match="not empty"):
