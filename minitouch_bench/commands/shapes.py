@@ -50,7 +50,7 @@ def check(
     if problems:
         note(f"{folder}: {numbered(len(problems), 'problem')}")
         raise typer.Exit(1)
-    print(f"{len(shapes.shapes)} shapes are as listed, digest {shapes.digest}")
+    print(f"{numbered(len(shapes.shapes), 'shape')} as listed, digest {shapes.digest}")
 
 
 @app.command(cls=Command)
