@@ -154,16 +154,16 @@ def prepare_policies(
             raise UsageError("--name is empty: reports need a name of the policy")
         source = replace(source, name=name)
     explorer = None
-    if isinstance(exploration, str) and exploration in BUILT_IN:
-        raise UsageError(
-            f"--exploration is a policy that a training has explored with, which '{exploration}' "
-            "is not: leave it out"
-        )
     if exploration is not None:
         goals = tuple(task for task in plan.tasks if task in GOAL_TASKS)
         if not goals:
             raise UsageError("--exploration needs a task with a goal: " + ", ".join(GOAL_TASKS))
         explorer = _find_policy(exploration, goals, isolation, note, Role.EXPLORATION)
+        if explorer.kind in BUILT_IN:
+            raise UsageError(
+                "--exploration is a policy that a training has explored with, which "
+                f"'{explorer.kind}' is not: leave it out"
+            )
     setup = PolicySetup(plan, source, explorer, isolation)
     for kind in dict.fromkeys(kind for one in setup.sources() for kind in one.kinds):
         if kind in FORMATS and FORMATS[kind].advice:

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
     RunDirectoryError,
+    UsageError,
 )
 from minitouch_bench.evaluation.engine import Callbacks, LocalEngine
 from minitouch_bench.evaluation.execution import (
@@ -258,3 +260,9 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
         f"no run to resume in {directory}: starting a new one",
         f"{directory} contains the finished run: no episode is missing",
     ]
+
+
+def test_a_built_in_policy_has_not_explored_however_it_is_named():
+    for name in ("random", Path("random")):
+        with pytest.raises(UsageError, match="leave it out"):
+            evaluate("zero", exploration=name, suite="smoke", tasks="pushing")
