@@ -8,8 +8,9 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 DEV    := $(VENV)/.dev
 SITE   := $(VENV)/.site
-PIP    := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
-  --constraint constraints.txt
+# Without PYTHONWARNINGS each build of an editable package warns that it is one.
+QUIET  := -m pip install --quiet --disable-pip-version-check
+PIP    := PYTHONWARNINGS=ignore $(BIN)/python $(QUIET) --no-compile --constraint constraints.txt
 
 # Modules are compiled when they are first imported, and kept: otherwise each process compiles
 # scipy and pandas again, which takes it seconds.
@@ -32,7 +33,7 @@ test-wheel: $(DEV)
 	$(BIN)/python -m pytest -n 0 -m slow tests/test_wheel.py
 
 LEROBOT        := .venv-lerobot
-LEROBOT_PIP    := PYTHONWARNINGS=ignore $(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check
+LEROBOT_PIP    := PYTHONWARNINGS=ignore $(LEROBOT)/bin/python $(QUIET)
 LEROBOT_PYTHON ?= $(shell for python in python3.12 python3.13 python3 \
   $(HOME)/.pyenv/versions/3.1[23].*/bin/python; do \
   $$python -c "import sys; sys.exit(sys.version_info[:2] not in ((3, 12), (3, 13)))" 2>/dev/null \
@@ -62,7 +63,8 @@ leaderboard: $(READY)
 .PHONY: site
 # The documentation with the leaderboard, in site/: every dead link is an error. It opens offline.
 site: $(SITE)
-	@test -x $(BIN)/zensical || { echo "make site needs CPython 3.11.5 or later: make PYTHON=..." >&2; exit 1; }
+	@test -x $(BIN)/zensical || \
+	  { echo "make site needs CPython 3.11.5 or later: make PYTHON=..." >&2; exit 1; }
 	$(BIN)/zensical build --clean --strict
 	cp -r reports/leaderboard site/leaderboard
 

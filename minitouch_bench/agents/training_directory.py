@@ -115,8 +115,10 @@ def _own_faults(method: str) -> Iterator[None]:
     """Convert whatever a method of the user's own raises in the block to a ``UsageError``."""
     try:
         yield
+    except (MiniTouchError, KeyboardInterrupt):
+        raise
     except BaseException as error:  # SystemExit, too
-        if isinstance(error, MiniTouchError | KeyboardInterrupt) or ":" not in method:
+        if ":" not in method:
             raise
         raise UsageError(f"the method {method} failed: {describe(error)}") from error
 

@@ -82,12 +82,11 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
     workers: Workers = 1,
 ) -> None:
     """Make a set of given objects; exit 1 with the reason of each refusal."""
-    from minitouch_bench.protocol.spec import CUBE, Split
     from minitouch_bench.shapegen import exchange
-    from minitouch_bench.shapegen.manifest import ALL
+    from minitouch_bench.shapegen.manifest import OF_THE_BENCHMARK
     from minitouch_bench.shapegen.soundness import Reason
 
-    if str(output) in (CUBE, *Split, ALL):
+    if str(output) in OF_THE_BENCHMARK:
         raise UsageError(f"--objects {output} means objects of the benchmark: choose another name")
     scales = _scales_of(scale or [])
     config = exchange.ImportConfig(scales.pop("", 1.0), fit, density, scales)

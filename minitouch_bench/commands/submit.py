@@ -1,5 +1,6 @@
 """``minitouch-bench submit``: pack policies as a submission for the leaderboard."""
 
+import shlex
 from collections.abc import Collection, Iterable
 from functools import partial
 from pathlib import Path
@@ -127,9 +128,10 @@ def submit(
             f"GitHub takes no file as large as {path}: upload it to the Hub, and submit "
             f"hf://USER/REPO/{path.name} instead"
         )
-    where = "" if directory == SUBMISSIONS else f" --submissions {directory}"
-    check = f"minitouch-bench leaderboard check {name}{where}"
-    note(f"next: {check}, and a pull request that adds {place}")
+    check = ["minitouch-bench", "leaderboard", "check", name]
+    if directory != SUBMISSIONS:
+        check += ["--submissions", str(directory)]
+    note(f"next: {shlex.join(check)}, and a pull request that adds {place}")
 
 
 def _refuse_unknown(option_name: str, given: Iterable[str], known: Collection[str]) -> None:

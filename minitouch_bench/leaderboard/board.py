@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain, combinations
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from minitouch_bench.episode import Count, Episode, Sha256
 from minitouch_bench.leaderboard import ranking
@@ -28,6 +28,9 @@ from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.runs.run import Run
+
+FORMAT: Final = "minitouch-leaderboard"
+"""Of the JSON document."""
 
 CEILING = "scripted"
 FLOORS = tuple(name for name in BUILT_IN if name != CEILING)
@@ -75,7 +78,7 @@ class BoardRow(About):
         return self.name in BUILT_IN
 
     @property
-    def trainings(self) -> str:
+    def trainings_in_words(self) -> str:
         """How many trainings it has, "" where nothing was trained."""
         seeds = len(self.training_seeds)
         trainings = "one training" if seeds == 1 else f"{seeds} trainings"
@@ -150,7 +153,7 @@ COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
     "learner": ColumnSpec("Learner", "column"),
     "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
-    "trainings": ColumnSpec("Trainings", "name"),
+    "trainings_in_words": ColumnSpec("Trainings", "name"),
     "modalities": ColumnSpec("Modalities", "name"),
     "labels": ColumnSpec("Labels", "name"),
     "played": ColumnSpec("Played", "column"),
@@ -215,7 +218,7 @@ def make_board(
         rows[name] = replace(rows[name], ranks=ranks)
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
-        format="minitouch-leaderboard",
+        format=FORMAT,
         version=6,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),

@@ -15,6 +15,7 @@ from minitouch_bench.json_io import write_json
 from minitouch_bench.leaderboard import board_tables
 from minitouch_bench.leaderboard.board import (
     COLUMN_SPECS,
+    FORMAT,
     TOUCH_METRICS,
     Board,
     BoardRow,
@@ -67,7 +68,7 @@ def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) 
         RunDirectoryError: a file cannot be written, or ``output`` has files and is not a board.
     """
     if files.entries_of(output) and not _is_board(output):
-        raise RunDirectoryError(f"{output} is not empty and has no {BOARD_FILE}: choose another")
+        raise RunDirectoryError(f"{output} is not empty and not a leaderboard: choose another")
     played, waiting, left_out = read_rows(submissions, results)
     board = make_board(played, waiting, left_out)
     shown = board_tables.views(board)
@@ -93,7 +94,8 @@ def build_board(submissions: Path, output: Path, results: Path = files.RESULTS) 
 def _is_board(folder: Path) -> bool:
     """Tell whether a folder was written by ``build_board``."""
     file = folder / BOARD_FILE
-    return file.is_file() and b'"minitouch-leaderboard"' in files.read_file(file)
+    with files.os_errors_as(RunDirectoryError, file, "read"):
+        return file.is_file() and f'"{FORMAT}"'.encode() in files.read_file(file)
 
 
 def read_rows(

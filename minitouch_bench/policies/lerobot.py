@@ -30,15 +30,15 @@ BEFORE, AFTER = "policy_preprocessor", "policy_postprocessor"
 STATES = "policy_p*processor_*.safetensors"
 """The statistics of normalization, in files that the processors name."""
 
-PROCESSOR = (
+COPY_OR_CONVERT = (
     "copy the whole directory; one of LeRobot before 0.4 is converted by python -m "
     "lerobot.processor.migrate_policy_normalization --pretrained-path DIR"
 )
 PARTS = {
     CONFIG: "give the directory pretrained_model of a LeRobot training",
     WEIGHTS: "save the whole policy with save_pretrained; .bin and PEFT weights are not read",
-    f"{BEFORE}.json": PROCESSOR,
-    f"{AFTER}.json": PROCESSOR,
+    f"{BEFORE}.json": COPY_OR_CONVERT,
+    f"{AFTER}.json": COPY_OR_CONVERT,
 }
 """The files that each checkpoint has, and what to do where one is missing."""
 

@@ -79,8 +79,8 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     return charts.Figure(
         "starts",
         "Where it succeeds and fails",
-        f"{_legend_of([one.task for one in tasks])}A square stands for several episodes and is "
-        "divided by how they ended; a click on a dot shows its episode. Below a map: the part of "
+        f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes and "
+        "is divided by how they ended; a click on a dot shows its episode. Below a map: the part of "
         "the starts whose success differs most from the rest, if one permutation test over all "
         f"parts finds a difference. p is adjusted for the {numbered(len(tested), 'map')} with a "
         "goal.",
@@ -88,11 +88,6 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
         _in_order(levels),
     )
 
-
-FROM_ABOVE = "Where episodes begin, seen from above and to scale, the robot below. "
-ON_A_LINE = (
-    "In Opening the handles are almost on one line, and their dots are stacked towards the robot. "
-)
 
 EpisodePair = tuple[Episode, Episode]
 """An episode as two policies played it."""
@@ -119,14 +114,18 @@ def change_figure(
         note = f"gained {counts[gained]}, lost {counts[lost]}, equal {counts[equal]}"
         mapped = MappedTask(task, task_title(task), ())
         plots.append(draw_map(mapped, placed, f"{second} against {first}: {note} episodes."))
-    text = _legend_of(pairs).rstrip()
+    text = _view_in_words(pairs)
     legend = (gained, lost, equal)
     return charts.Figure(key, f"What {second} gains and loses", text, tuple(plots), legend)
 
 
-def _legend_of(tasks: Collection[str]) -> str:
-    """Say what the maps of some tasks show."""
-    return FROM_ABOVE + (ON_A_LINE if OPENING.name in tasks else "")
+def _view_in_words(tasks: Collection[str]) -> str:
+    """Say what the maps of some tasks show, and where their dots are."""
+    view = "Where episodes begin, seen from above and to scale, the robot below."
+    if OPENING.name in tasks:
+        view += " In Opening the handles are almost on one line, and their dots are stacked towards"
+        view += " the robot."
+    return view
 
 
 def sentence(test: StartTest) -> str:

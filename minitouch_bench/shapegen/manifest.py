@@ -172,6 +172,9 @@ Objects = StrPath | Sequence[str | Shape] | ShapeSet
 ALL = "all"
 """The name of every shape of the canonical set."""
 
+OF_THE_BENCHMARK = (CUBE, *Split, ALL)
+"""Words for objects, which no folder of a shape set can have as its name."""
+
 
 class _Manifest(Struct):
     name: str
@@ -237,7 +240,7 @@ def choose_shapes(chosen: Objects) -> tuple[Shape, ...]:
             canonical = canonical_shape_set()
             return canonical.shapes if chosen == ALL else canonical.split(chosen)
         if not Path(chosen).is_dir():
-            known = ", ".join((CUBE, *Split, ALL))
+            known = ", ".join(OF_THE_BENCHMARK)
             raise UsageError(
                 f"no objects '{chosen}'; there are {known}, folders of shape sets, and in Python "
                 "lists of shapes"

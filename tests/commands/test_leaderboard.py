@@ -97,9 +97,9 @@ def test_the_page_about_it_has_the_learned_rows_of_today():
 
 
 def test_the_page_about_it_says_where_hac_fails_and_how_hard_it_presses():
-    run = mt.load_run(ROOT / "reports/results/hac/seed-30/table4")
+    row = mt.load_run(ROOT / "reports/results/hac/seed-30/table4")
     page = (ROOT / "docs/results/leaderboard.md").read_text()
-    goals = run.episodes[run.episodes["task"].isin(["pushing", "pick-up"])]
+    goals = row.episodes[row.episodes["task"].isin(["pushing", "pick-up"])]
     count = goals.groupby(["task", "outcome"]).size()
     lost, slow = count["pushing", "left_workspace"], count["pushing", "step_limit"]
     assert f"Pushing fails in {lost + slow} of 100 episodes: {slow} reach" in page
@@ -107,7 +107,7 @@ def test_the_page_about_it_says_where_hac_fails_and_how_hard_it_presses():
     pick_up = goals[goals["task"] == "pick-up"]
     assert f"Pick-up fails in {(~pick_up['success']).sum()} of 100: " in page
     assert f"{count['pick-up', 'left_workspace']} objects leave" in page
-    force = run["opening"].estimates["peak_force"]
+    force = row["opening"].estimates["peak_force"]
     assert f"{force.value:.1f} N [{force.low:.1f}, {force.high:.1f}]" in page
 
 
