@@ -79,11 +79,11 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     return charts.Figure(
         "starts",
         "Where it succeeds and fails",
-        f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes and "
-        "is divided by how they ended; a click on a dot shows its episode. Below a map: the part of "
-        "the starts whose success differs most from the rest, if one permutation test over all "
-        f"parts finds a difference. p is adjusted for the {numbered(len(tested), 'map')} with a "
-        "goal.",
+        f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes "
+        "and is divided by how they ended; a click on a dot shows its episode. Below a map: the "
+        "part of the starts whose success differs most from the rest, if one permutation test "
+        "over all parts finds a difference. p is adjusted for the "
+        f"{numbered(len(tested), 'map')} with a goal.",
         tuple(plots),
         _in_order(levels),
     )
