@@ -59,7 +59,7 @@ def main() -> None:
 
 def measure_steps(task: str, seed: int) -> Run:
     """Time one episode of random actions, then its bare limit; episodes that end start anew."""
-    environment = MiniTouchEnv(task, max_steps=STEPS)
+    environment = MiniTouchEnv(task, max_episode_steps=STEPS)
     rng = np.random.default_rng(seed)
     size = environment.action_space.shape[0]
     actions = rng.uniform(-1.0, 1.0, (STEPS, size)).astype(np.float32)

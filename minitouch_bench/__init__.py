@@ -28,10 +28,11 @@ def _end_loading(*_: object) -> None:
 
 # Importing any module of the command imports this package first, which takes half a second: only
 # here can Ctrl-C be kept from ending it with a traceback. Later ``__main__`` handles it.
-if (
-    "minitouch-bench" in map(os.path.basename, sys.argv[:1])
-    and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-):
+_program = os.path.basename(sys.argv[0]) if sys.argv else ""
+_is_command = _program == "minitouch-bench" or (
+    _program == "-m" and "minitouch_bench" in sys.orig_argv
+)
+if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, _end_loading)
 
 import gymnasium  # noqa: E402
@@ -82,7 +83,7 @@ for _task in PROTOCOL.tasks:
             _task.gym_id,
             entry_point="minitouch_bench.tasks.environment:MiniTouchEnv",
             max_episode_steps=_task.max_steps,  # Gymnasium's limit is the only one
-            kwargs={"task": _task.name, "max_steps": sys.maxsize},
+            kwargs={"task": _task.name, "max_episode_steps": sys.maxsize},
             additional_wrappers=(
                 WrapperSpec("EpisodeEnd", "minitouch_bench.tasks.environment:EpisodeEnd", {}),
             ),

@@ -36,7 +36,10 @@ class _Output(io.FileIO):
 def main() -> None:
     """Run the command line; Ctrl-C and SIGTERM end it alike, cleaned up and without a traceback."""
     _open_closed()
-    output, notes = _Output(1), _Output(2)
+    # Only what a command prints goes to standard output. A policy beside the simulator, a child
+    # and a library's C code write to file descriptor 1, which leads to standard error from here on.
+    output, notes = _Output(os.dup(1)), _Output(2)
+    os.dup2(2, 1)
     sys.stdout, sys.stderr = _text(output), _text(notes)
     code: object = 0
     try:
@@ -55,6 +58,7 @@ def main() -> None:
     for number in STOPS:  # one more ends it without a traceback
         signal.signal(number, signal.SIG_DFL)
     sys.stdout.flush()
+    sys.stdout = sys.stderr  # of what a policy prints when Python ends
     if output.failure is not None and output.failure.errno != errno.EPIPE:
         why = output.failure.strerror
         sys.stderr.write(f"minitouch-bench: standard output cannot be written: {why}\n")

@@ -42,8 +42,9 @@ def notes() -> "Console":
 
 
 def note(text: str, style: str = "") -> None:
-    """Print a line on stderr."""
-    notes().print(text, markup=False, style=style)
+    """Print lines on stderr; they may quote a stranger's name."""
+    lines = "\n".join(map(printable, text.splitlines()))
+    notes().print(lines, markup=False, style=style)
 
 
 def data_console() -> "Console":

@@ -309,6 +309,9 @@ def _check_plain(found: os.stat_result) -> None:
         raise OSError(errno.EINVAL, "it is no plain file")
 
 
+LFS_POINTER = b"version https://git-lfs.github.com/"
+
+
 def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) -> bytes:
     """Return the bytes of a plain file of at most ``limit`` bytes; ``follow`` allows a link.
 
@@ -320,7 +323,10 @@ def read_file(path: Path, limit: int = LARGEST_FILE, *, follow: bool = False) ->
         if size > limit:
             most = f"{limit // MIB} MiB" if limit >= MIB else f"{limit // KIB} KiB"
             raise OSError(errno.EFBIG, f"it is larger than {most}")
-        return file.read(size)
+        content = file.read(size)
+    if content.startswith(LFS_POINTER):
+        raise OSError(errno.ENODATA, "it is a pointer of Git LFS, not the file; run git lfs pull")
+    return content
 
 
 def unpack(packed: bytes) -> bytes:

@@ -6,6 +6,7 @@ against 95 ms and 30 ms more to build the reader, and a ``run.json`` of 1,200 ep
 """
 
 import inspect
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -165,7 +166,7 @@ def take_table(
 def _merged(known: Any, given: Any) -> Any:
     """Return what is given, and of tables in it what is known and not given."""
     if not (isinstance(known, Mapping) and isinstance(given, Mapping)):
-        return given
+        return _as_plain_number(given)
     return {**known, **{key: _merged(known.get(key), value) for key, value in given.items()}}
 
 
@@ -210,7 +211,8 @@ def whole_numbers(option: str, given: str | None) -> tuple[int, ...]:
 def checked(function: Function) -> Function:
     """Make a function that users call refuse arguments of other types than its annotations.
 
-    Numbers of other kinds, such as NumPy's, are passed on as Python's.
+    Numbers of other kinds, such as NumPy's, are passed on as Python's, and the ``~`` of a path as
+    the user's directory.
 
     Raises (the function that is returned):
         UsageError: an argument is unknown, missing or of another type.
@@ -233,7 +235,10 @@ def checked(function: Function) -> Function:
             if not _fits(value, kind):
                 what = f"expected {_type_name(kind)}, got {_type_name(type(value), value)}"
                 raise UsageError(f"{name}: {argument}: {what}")
-            bound.arguments[argument] = _as_plain_number(value)
+            is_path = isinstance(value, str | PathLike) and PathLike[str] in get_args(kind)
+            bound.arguments[argument] = (
+                os.path.expanduser(value) if is_path else _as_plain_number(value)
+            )
         return function(*bound.args, **bound.kwargs)
 
     return cast(Function, call)

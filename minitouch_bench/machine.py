@@ -148,6 +148,6 @@ def look_up(target: str) -> Any:
         return attrgetter(attribute)(importlib.import_module(module_name))
     except (ImportError, AttributeError) as error:
         # A module of this name may lie elsewhere, such as the user's own code.py beside Python's.
-        file = getattr(getattr(error, "obj", None), "__file__", None)
+        file = getattr(sys.modules.get(module_name.partition(".")[0]), "__file__", None)
         place = f" ({file})" if file else ""
         raise PolicyLoadError(f"it cannot be imported: {error}{place}") from error

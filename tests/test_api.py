@@ -1,15 +1,18 @@
 """The Python front door: the same runs as the command line's, for objects too."""
 
+import math
 import random
 import re
 import threading
 
+import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
 import minitouch_bench as mt
+from minitouch_bench.agents.config import make_config
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
     InfrastructureError,
@@ -209,17 +212,28 @@ def test_wrong_options_are_refused(option, word):
         mt.evaluate("zero", **option)
 
 
+def make_by_gymnasium(task, **options):
+    return gymnasium.make("MiniTouch/Pushing-v1", **options)
+
+
 @pytest.mark.parametrize(
     ("call", "options", "word"),
     [
         (mt.evaluate, {"act_timeout": "5"}, "act_timeout"),
         (mt.evaluate, {"callbacks": Callbacks}, "callbacks"),
+        (mt.evaluate, {"stop_after": math.nan}, "stop_after"),
         (mt.evaluate, {"episodes": True}, "episodes"),
         (mt.evaluate, {"tasks": ["pushing", 5]}, "tasks"),
         (mt.make, {"max_steps": 300}, "max_steps"),
         (mt.make, {"objects": [3]}, "objects"),
         (mt.train, {"config": 5}, "config"),
         (mt.train, {"progress": True, "callbacks": Callbacks()}, "one of them"),
+        (make_by_gymnasium, {"max_steps": 300}, "max_steps"),
+        (lambda _, **given: Callbacks(**given), {"episode": 5}, "episode"),
+        (lambda _, **given: mt.load_run(**given), {"path": None}, "path"),
+        (lambda _, **given: mt.compare("a", **given), {"output": 5}, "output"),
+        (mt.replay, {"episode": 5}, "episode"),
+        (mt.export, {"path": "a.pt2", "task": 5}, "task"),
     ],
 )
 def test_an_argument_that_there_is_not_or_of_another_type_is_refused(
@@ -235,6 +249,15 @@ def test_numbers_of_numpy_and_one_name_of_episodes_are_taken():
     run = mt.evaluate("zero", "smoke", episodes_from="opening/3", workers=np.int64(1), **options)
     assert list(run.episodes["index"]) == [3]
     assert (run.plan.seed, run.plan.limits.act_timeout_s) == (3, 2.0)
+    settings = {"seed": np.int64(3), "task_phase": {"steps": np.int64(5)}}
+    config = make_config("opening", settings=settings)
+    assert (config.seed, config.task_phase.steps) == (3, 5)
+
+
+def test_a_path_in_the_user_s_directory_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    run = mt.evaluate("zero", "smoke", episodes_from="opening/3", output="~/run")
+    assert run == mt.load_run("~/run") == mt.load_run(tmp_path / "run")
 
 
 def test_a_set_of_objects_can_be_a_path(tmp_path):

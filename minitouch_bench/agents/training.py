@@ -104,7 +104,9 @@ class Training:
         self.config = config
         self._directory = directory
         limit = config.episode_steps or None
-        self._environment = MiniTouchEnv(config.task, config.objects or None, max_steps=limit)
+        self._environment = MiniTouchEnv(
+            config.task, config.objects or None, max_episode_steps=limit
+        )
         self._world = MiniTouchEnv(config.task)  # of its evaluations
         plan = Plan(EVALUATION_SUITE, (config.task,), config.evaluate_episodes, config.seed)
         self._evaluated = plan.specs()

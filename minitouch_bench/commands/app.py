@@ -27,7 +27,6 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.text import printable
 
 COMMANDS: dict[Callable[..., None], str] = {
     evaluate: "evaluate my_policy.onnx --suite smoke",
@@ -127,5 +126,4 @@ def _with_home(argument: str) -> str:
 
 
 def _complain(text: str) -> None:
-    lines = "\n".join(map(printable, text.splitlines()))  # it may quote a stranger's name
-    note(f"{PROGRAM}: {lines}", style="red")
+    note(f"{PROGRAM}: {text}", style="red")

@@ -27,6 +27,7 @@ def generate(
     """Make a set; after an interruption the same command continues it."""
     from minitouch_bench.shapegen import generate as workflow
 
+    _check_name(output)
     with count_progress("shapes") as progress:
         digest = workflow.generate(output, count, seed, workers, progress)
     print(f"{numbered(count, 'shape')} in {output}, digest {digest}")
@@ -83,11 +84,9 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
 ) -> None:
     """Make a set of given objects; exit 1 with the reason of each refusal."""
     from minitouch_bench.shapegen import exchange
-    from minitouch_bench.shapegen.manifest import OF_THE_BENCHMARK
     from minitouch_bench.shapegen.soundness import Reason
 
-    if str(output) in OF_THE_BENCHMARK:
-        raise UsageError(f"--objects {output} means objects of the benchmark: choose another name")
+    _check_name(output)
     scales = _scales_of(scale or [])
     config = exchange.ImportConfig(scales.pop("", 1.0), fit, density, scales)
     with count_progress("objects") as progress:
@@ -109,6 +108,18 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
         print(f"set in {output}, digest {result.digest}")
     if result.refused:
         raise typer.Exit(1)
+
+
+def _check_name(folder: Path) -> None:
+    """See that ``--objects`` would find a set of this name.
+
+    Raises:
+        UsageError: it means objects of the benchmark.
+    """
+    from minitouch_bench.shapegen.manifest import OF_THE_BENCHMARK
+
+    if str(folder) in OF_THE_BENCHMARK:
+        raise UsageError(f"--objects {folder} means objects of the benchmark: choose another name")
 
 
 def _scales_of(texts: list[str]) -> dict[str, float]:

@@ -65,6 +65,11 @@ class Callbacks:
     row: Callable[[Any], None] = ignore
     should_stop: Callable[[], bool] = lambda: False
 
+    def __post_init__(self) -> None:
+        for name, given in vars(self).items():
+            if not callable(given):
+                raise UsageError(f"Callbacks: {name} is a function, not {given!r}")
+
 
 SILENT = Callbacks()
 
@@ -74,9 +79,14 @@ def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:
 
     They raise an ``InfrastructureError``: what is done is kept, and the run can be resumed. With
     None nothing changes.
+
+    Raises:
+        UsageError: it is no time above 0.
     """
     if seconds is None:
         return callbacks
+    if not seconds > 0:
+        raise UsageError(f"stop_after is a time above 0 s, not {seconds}")
     end = time.monotonic() + seconds
 
     def episode(record: PlayedEpisode) -> None:

@@ -53,44 +53,55 @@ CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
 """How cloudpickle names a class of ``__main__``: 32 digits, drawn again in each process."""
 
 
-PLAIN = (str, bytes, int, float, bool, type(None))
-"""Types whose values have the same ``repr`` in each process."""
-
-
 class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
     """Writes equal objects as equal bytes in each process.
 
-    Pickle writes a tensor with its address in memory, and a set in an order that each process
-    draws. Here a tensor is written as its type, shape and bytes, and a set in order.
+    Pickle writes a tensor and its storage with an address in memory, and a set in an order that
+    each process draws. Here both are written as type, shape and bytes, and a set as the sorted
+    digests of its members.
     """
 
+    def __init__(self, file: io.BytesIO, around: tuple[object, ...] = ()) -> None:
+        super().__init__(file)
+        self._around = around  # the sets that this object is a member of
+
     def persistent_id(self, value: object) -> object:
-        """Return what is written in place of a tensor or a set; None for any other value."""
-        torch = sys.modules.get("torch")
-        if torch is not None and isinstance(value, torch.Tensor):
-            return _tensor_content(torch, value)
-        if isinstance(value, set | frozenset) and all(map(_is_plain, value)):
-            return type(value).__name__, sorted(map(repr, value))
-        return None
+        """Return what is written in place of tensors, storages, sets; None for any other value."""
+        if isinstance(value, set | frozenset):
+            is_again = any(value is other for other in self._around)  # a member knows its set
+            members = () if is_again else value
+            return type(value).__name__, sorted(_digest(m, (*self._around, value)) for m in members)
+        return _tensor_content(value)
 
 
 def digest_object(value: object) -> str:
     """Return the SHA-256 of an object's content, the same in each process."""
+    return _digest(value, ())
+
+
+def _digest(value: object, around: tuple[object, ...]) -> str:
     written = io.BytesIO()
-    _Digester(written).dump(value)
+    _Digester(written, around).dump(value)
     return hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
 
 
-def _tensor_content(torch: Any, tensor: Any) -> object:
-    if tensor.layout is not torch.strided or tensor.is_quantized or tensor.is_meta:
-        return None  # it has no bytes of its own: it is written as it is pickled
-    plain = tensor.detach().cpu().resolve_conj().resolve_neg().flatten().contiguous()
-    content = plain.view(torch.uint8).numpy().tobytes()
-    return type(tensor).__name__, str(tensor.dtype), tuple(tensor.shape), content
-
-
-def _is_plain(value: object) -> bool:
-    return type(value) in PLAIN or (type(value) is tuple and all(map(_is_plain, value)))
+def _tensor_content(value: object) -> object:
+    """Return type, shape and bytes of a tensor or a storage; None of anything else."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        return None
+    if isinstance(value, torch.TypedStorage | torch.UntypedStorage):
+        tensor = torch.empty(0, dtype=torch.uint8).set_(value.cpu().untyped())
+    elif isinstance(value, torch.Tensor) and value.layout is torch.strided:
+        if value.is_quantized or value.is_meta:
+            return None  # it is pickled as its storage and how to read it, or has no bytes
+        plain = value.detach().cpu().resolve_conj().resolve_neg().flatten().contiguous()
+        tensor = plain.view(torch.uint8)
+    else:  # a sparse one is pickled as tensors that are not
+        return None
+    shape = tuple(value.shape) if isinstance(value, torch.Tensor) else ()
+    kind = str(getattr(value, "dtype", ""))
+    return type(value).__name__, kind, shape, tensor.numpy().tobytes()
 
 
 def keep_in_memory(policy: object) -> PolicySource:

@@ -33,7 +33,6 @@ MOST_BYTES = 64 * MIB
 """More than half a million faces of any of these formats."""
 SAME_VERTEX = 1e-9
 """Vertices this near each other, as a share of the longest side, are one."""
-LFS_POINTER = b"version https://git-lfs.github.com/"
 
 
 class UnreadableError(Exception):
@@ -84,12 +83,9 @@ def read_object(path: Path) -> Mesh:
 
 def _read(path: Path, limit: int) -> bytes:
     try:
-        content = read_file(path, limit, follow=True)
+        return read_file(path, limit, follow=True)
     except OSError as error:
         raise UnreadableError(f"cannot be read: {error.strerror}") from error
-    if content.startswith(LFS_POINTER):
-        raise UnreadableError("a Git LFS pointer in place of the file; run git lfs pull")
-    return content
 
 
 def _read_mesh(path: Path) -> Mesh:

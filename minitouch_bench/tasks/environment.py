@@ -53,8 +53,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     folder, or what ``shapegen.manifest.load_shape_set`` reads; None takes the task's default.
     ``reset(options={"object": name})`` asks for one object; without it one is drawn.
     ``render_mode="rgb_array"`` draws for people, ``width`` x ``height`` pixels.
-    ``max_steps``: control steps after which an episode ends; None takes the task's. Of an
-    environment that ``gymnasium.make`` returns, ``max_episode_steps`` is the limit.
+    ``max_episode_steps``: control steps after which an episode ends; None takes the task's.
     ``perturbation`` may change the object's mass and friction, the fingers' motor force, and turn
     the camera; what it changes in the senses, an evaluation does.
 
@@ -78,21 +77,21 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         *,
         width: int = 240,
         height: int = 240,
-        max_steps: int | None = None,
+        max_episode_steps: int | None = None,
         perturbation: Perturbation = UNPERTURBED,
     ) -> None:
-        sizes = {"width": width, "height": height, "max_steps": max_steps}
-        EzPickle.__init__(self, task, objects, render_mode, **sizes, perturbation=perturbation)
+        limits = {"width": width, "height": height, "max_episode_steps": max_episode_steps}
+        EzPickle.__init__(self, task, objects, render_mode, **limits, perturbation=perturbation)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode is 'rgb_array' or None, not '{render_mode}'")
-        if min(width, height) < 1 or (max_steps or 1) < 1:
-            raise UsageError("width, height and max_steps are numbers from 1 on")
+        if min(width, height) < 1 or (max_episode_steps or 1) < 1:
+            raise UsageError("width, height and max_episode_steps are numbers from 1 on")
         self.render_mode = render_mode
         self.task = TASK_CLASSES[PROTOCOL.task(task).name]()
         self._pool = self._objects(objects)
         self._size = (width, height)
         spec = self.task.spec
-        self._max_steps = max_steps or spec.max_steps
+        self._max_steps = max_episode_steps or spec.max_steps
         self.perturbation = perturbation
         self.drawn = AS_USUAL
         """What this episode has of ``perturbation``."""

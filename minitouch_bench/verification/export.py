@@ -149,7 +149,9 @@ def _exported(module: nn.Module) -> bytes:
         try:
             program = torch.export.export(module, to_tensors(zero_observation()))
             torch.export.save(program, written)
-        except Exception as error:  # whatever forward raises, too
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever forward raises, SystemExit too
             text = f"torch.export cannot export {type(module).__name__}: {describe(error)}"
             raise PolicyLoadError(text) from error
     return written.getvalue()

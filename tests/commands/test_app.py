@@ -82,13 +82,16 @@ def test_a_closed_or_full_stream_has_a_line_at_most_and_the_right_exit_code(stre
     assert (done.returncode, done.stderr) == (code, notes)
 
 
+INSTALLED = [str(Path(sys.executable).with_name("minitouch-bench"))]
+
+
+@pytest.mark.parametrize("command", [INSTALLED, COMMAND])
 @pytest.mark.parametrize("module", ["gymnasium", "typer"])
-def test_ctrl_c_while_the_command_loads_ends_it_with_a_line(tmp_path, monkeypatch, module):
+def test_ctrl_c_while_the_command_loads_ends_it_with_a_line(tmp_path, monkeypatch, module, command):
     interrupt = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nraise AssertionError\n"
     (tmp_path / f"{module}.py").write_text(interrupt)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    command = Path(sys.executable).with_name("minitouch-bench")
-    done = subprocess.run([command, "--version"], check=False, capture_output=True, text=True)
+    done = subprocess.run([*command, "--version"], check=False, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr == "minitouch-bench: interrupted\n"
 

@@ -119,7 +119,7 @@ def test_what_a_policy_prints_is_apart_from_the_results(tmp_path):
     options = (*ONE, "--trust", "--isolation", "none", "--output", "run", "--json")
     done = run_installed("evaluate", "misbehaved:Talks", *options, directory=tmp_path)
     assert json.loads(done.out) == json.loads((tmp_path / "run" / "run.json").read_text())
-    assert {"made", "begun", "acting", "ended"} <= {*done.err.split()}
+    assert {"made", "from-a-child", "begun", "acting", "ended", "gone"} <= {*done.err.split()}
 
 
 def test_a_policy_that_is_killed_with_much_memory_is_not_tried_again(tmp_path):

@@ -50,5 +50,6 @@ def test_a_wrong_scale_is_named(tmp_path, scales, word):
 def test_a_set_is_not_called_like_objects_of_the_benchmark(tmp_path):
     (tmp_path / "a.obj").touch()
     for name in ("train", "cube"):
-        done = run("shapes", "import", "a.obj", "--output", name, directory=tmp_path)
-        done.refused(2, "--objects")
+        for command in (("import", "a.obj"), ("generate",)):
+            done = run("shapes", *command, "--output", name, directory=tmp_path)
+            done.refused(2, "--objects")

@@ -33,7 +33,7 @@ class Here:
 def play_here(patch, steps: int) -> None:
     """Let ``evaluate`` play in this process, in episodes of at most so many control steps."""
     patch.setattr(api, "open_engine", lambda *_: nullcontext(Here()))
-    patch.setattr(rollout, "MiniTouchEnv", partial(rollout.MiniTouchEnv, max_steps=steps))
+    patch.setattr(rollout, "MiniTouchEnv", partial(rollout.MiniTouchEnv, max_episode_steps=steps))
 
 
 def request(

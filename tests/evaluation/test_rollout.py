@@ -27,7 +27,7 @@ SPECS = {spec.task: spec for spec in make_plan("smoke").specs()}
 
 @pytest.fixture(scope="module", params=list(TASK_CLASSES))
 def environment(request):
-    made = MiniTouchEnv(request.param, max_steps=30)
+    made = MiniTouchEnv(request.param, max_episode_steps=30)
     yield made
     made.close()
 

@@ -163,8 +163,11 @@ def test_a_factory_can_make_a_torch_module_whose_fault_has_its_line(observation,
 
 
 DIGESTS = """
+import enum
+import pathlib
 import torch
 from minitouch_bench.policies.python_objects import keep_in_memory
+Side = enum.Enum("Side", ["LEFT", "RIGHT", "BACK"])
 class Net(torch.nn.Module):
     def __init__(self):
         super().__init__()
@@ -174,6 +177,11 @@ class Net(torch.nn.Module):
 class Planner:
     def __init__(self, net):
         self.net, self.seen = net, {("left", 1), "right", None, 2.5, b"x"}
+        self.sides, self.types = {*Side}, {torch.float32, torch.int8, torch.bool}
+        self.paths = {frozenset(map(pathlib.Path, "abcd")), frozenset(map(pathlib.Path, "efgh"))}
+        self.storage = torch.arange(5.0).untyped_storage()
+        self.quantized = torch.quantize_per_tensor(torch.arange(4.0), 0.1, 0, torch.qint8)
+        self.planners = {self}
     def act(self, observation):
         return self.net(observation)
 torch.manual_seed(0)

@@ -37,7 +37,7 @@ def successes(records):
 
 @pytest.mark.parametrize("task", TASK_CLASSES)
 def test_actions_are_those_a_policy_could_give(task):
-    environment = MiniTouchEnv(task, max_steps=20)
+    environment = MiniTouchEnv(task, max_episode_steps=20)
     environment.reset(seed=1)
     controller, ticks = make_controller(environment), 0
     for _ in range(20):

@@ -90,6 +90,7 @@ def test_what_is_not_there_is_said(text, message):
 
 def test_unusable_files_are_refused(tmp_path):
     (tmp_path / "empty.pt").touch()
+    (tmp_path / "pointer.pt").write_text("version https://git-lfs.github.com/spec/v1\n")
     (tmp_path / "weights.h5").write_bytes(b"1")
     (tmp_path / "hollow").mkdir()
     (tmp_path / "training").mkdir()
@@ -99,6 +100,7 @@ def test_unusable_files_are_refused(tmp_path):
         ("weights.h5", r"known are .*\.safetensors"),
         ("hollow", "no policies"),
         ("training", "unfinished training"),
+        ("pointer.pt", "git lfs pull"),
     ):
         with pytest.raises(PolicyLoadError, match=message):
             parse_source(str(tmp_path / name))

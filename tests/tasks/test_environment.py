@@ -110,7 +110,10 @@ def test_an_environment_that_nothing_uses_frees_its_worlds():
 
 @pytest.mark.parametrize(
     ("task", "options"),
-    [("opening", {}), ("pick-up", {"objects": choose_shapes("train")[7:8], "max_steps": 3})],
+    [
+        ("opening", {}),
+        ("pick-up", {"objects": choose_shapes("train")[7:8], "max_episode_steps": 3}),
+    ],
 )
 def test_pickling_gives_an_equal_new_environment_and_copying_none(task, options):
     first = MiniTouchEnv(task, **options, render_mode="rgb_array", width=64, height=48)
@@ -243,7 +246,7 @@ def test_gymnasium_s_step_limit_is_an_outcome_like_the_task_s_own(limit):
 def test_a_success_in_the_last_step_is_not_truncated():
     for environment in (
         mt.make("opening", max_episode_steps=1),
-        MiniTouchEnv("opening", max_steps=1),
+        MiniTouchEnv("opening", max_episode_steps=1),
     ):
         environment.reset(seed=1)
         world = environment.unwrapped

@@ -20,6 +20,13 @@ class Frames(nn.Module):
         return torch.tanh(self.head(torch.cat(self.frames, 1)))
 
 
+class Exits(nn.Module):
+    """Ends the program."""
+
+    def forward(self, image: Tensor, touch: Tensor) -> Tensor:
+        raise SystemExit
+
+
 class Inside(nn.Module):
     """A policy that remembers by a part of it, has dropout and draws random numbers."""
 
@@ -70,6 +77,7 @@ def test_a_lost_state_is_named_and_nothing_written(module, named, tmp_path):
         (lambda: torch.jit.script(nn.Identity()), "policy.pt2", "nn.Module"),
         (Frames, "policy.pt", "pt2"),
         (nn.Identity, "policy.pt2", "torch.export"),
+        (Exits, "policy.pt2", "SystemExit"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(make, file, word, tmp_path):
