@@ -107,13 +107,13 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
         design: The content of its design file.
         directory: Where the CSV files are.
     """
-    estimates, trainings = (read_rows(directory, name) for name in ("estimates", "trainings"))
-    episodes = read_rows(directory, "episodes")
+    estimates, episodes = (read_rows(directory, name) for name in ("estimates", "episodes"))
     changes = changes_of(episodes)
     joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
     judged = judge_claims(design.get("claims", []), _claimed_values(design, estimates))
     state = f"{len(finished_cells(directory))} of {len(cells_of(design))} trainings"
-    lines = [f"# Study {directory.resolve().name}", "", f"{state} are done and evaluated."]
+    title = design.get("title", f"Study {directory.resolve().name}")
+    lines = [f"# {title}", "", f"{state} are done and evaluated."]
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
     for section in (
         _claims(design, judged),
@@ -121,7 +121,6 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
         _over_seeds("Novel shapes", joined, "novel-shapes", gaps, {}),
         _training_seeds(estimates),
         _conditions(joined, episodes),
-        _trainings(trainings),
     ):
         lines += section
     return Results("\n".join(lines) + "\n", judged, joined)
@@ -201,6 +200,20 @@ def _notes(*notes: str) -> list[str]:
     return ["", *(f"- {note}" for note in notes)]
 
 
+PICTURES = {
+    "curves": "Learning curves: means over training seeds with their 95 % intervals",
+    "movement": "Touch share and object movement at the end of exploration, a dot per training",
+    "lengths": "Each length of exploration",
+    "novel-shapes": "Train shapes and held-out shapes",
+    "conditions": "The standard and the other conditions",
+}
+
+
+def _pictures(*names: str) -> Iterator[str]:
+    for name in names:
+        yield from ("", f"![{PICTURES[name]}](figures/{name}.svg)")
+
+
 def _title(point: Sequence[Any]) -> str:
     task, steps = point
     return f"{task_title(task)}, {steps:,} control steps of exploration"
@@ -246,6 +259,9 @@ def _over_seeds(
         yield from table_lines(["Metric", *methods, *(f"{one} (paper)" for one in paper)], rows)
     if len(part):
         yield from _notes(SEEDS_NOTE, *([f"{PAPER_NOTE} {MARK_NOTE}"] if with_paper else []))
+        yield from _pictures(*(("curves", "movement") if with_paper else ("novel-shapes",)))
+    if with_paper and part.groupby("task")["exploration_steps"].nunique().max() > 1:
+        yield from _pictures("lengths")
 
 
 def _training_seeds(estimates: pd.DataFrame) -> Iterator[str]:
@@ -285,6 +301,7 @@ def _conditions(joined: pd.DataFrame, episodes: pd.DataFrame) -> Iterator[str]:
         yield from table_lines(["Task", "Condition", "Metric", *methods], rows, 3)
         standard = "The standard row is of all episodes."
         yield from _notes(f"{CONDITIONS_NOTE} {standard}", *silent_note(episodes), SEEDS_NOTE)
+        yield from _pictures("conditions")
 
 
 def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
@@ -355,17 +372,6 @@ def _papers(claim: Mapping[str, Any]) -> str:
         values = [cell.text if cell and cell.sort_key is not None else ABSENT for cell in cells]
         texts.append(", ".join(values))
     return ABSENT if {*"".join(texts)} <= {*f"{ABSENT}, "} else "; ".join(texts)
-
-
-def _trainings(trainings: pd.DataFrame) -> Iterator[str]:
-    rows = [
-        [f"{row.task}-{row.method}-{row.exploration_steps}-{row.training_seed}",
-         f"{row.control_steps:,}", f"{row.seconds / 60:.1f} min"]
-        for row in trainings.itertuples()
-    ]  # fmt: skip
-    yield from ("", "## Trainings")
-    yield from table_lines(["Training", "Control steps", "Time"], rows)
-    yield from _notes("Time: of the training alone, without its evaluation, beside other work.")
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from experiments.grid import Cell, add_rows, read_progress, task_rows, training_
 from minitouch_bench.files import RESULTS
 from minitouch_bench.policies.sources import directory_digest
 
+ROOT = Path(__file__).parents[1]
 SUITES = ("table4", "novel-shapes")
 
 
@@ -30,7 +31,7 @@ def collect(training: Path, study: Path) -> None:
 
 
 @lru_cache(maxsize=1)
-def played_rows(study: Path, results: Path = RESULTS) -> dict[str, pd.DataFrame]:
+def played_rows(study: Path, results: Path = ROOT / RESULTS) -> dict[str, pd.DataFrame]:
     """Return the rows of ``episodes`` and ``estimates`` of a study's trainings.
 
     Raises:

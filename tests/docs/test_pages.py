@@ -1,7 +1,9 @@
 """What the pages say: how much, of which commands and options, and with which numbers."""
 
+import json
 import re
 import shlex
+from itertools import product
 
 import pytest
 from typer.main import get_command
@@ -9,13 +11,18 @@ from typer.main import get_command
 from experiments.analysis import STUDIES, join_seeds, learned_seeds, read_rows
 from minitouch_bench.commands.app import app
 from minitouch_bench.metrics.definitions import METRICS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS
 from tests.altered import DOCS, ROOT
 
 PARTS = ("", "start", "how-to", "explanation", "results")
 USER_PAGES = [page for part in PARTS for page in (DOCS / part).glob("*.md")]
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *ROOT.glob("experiments/*.md")])
 WORDS = 12_500
-METHODS = {"hac": "HaC", "rnd-touch": "RND+touch", "rnd": "RND", "sac": "SAC"}
+METHODS = {
+    "hac": "HaC", "rnd-touch": "RND+touch", "rnd": "RND", "icm": "ICM", "icm-touch": "ICM+touch",
+    "disagreement": "Disagreement", "sac": "SAC",
+}  # fmt: skip
+ENDS = ("value", "low", "high")
 SHELL = re.compile(r"^( *)```sh\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
 PROGRAM = get_command(app)
 INLINE = re.compile(rf"`(?:minitouch-bench )?((?:{'|'.join(PROGRAM.commands)})(?: [^`]+)?)`")
@@ -29,21 +36,42 @@ def test_the_user_pages_stay_short():
 
 @pytest.mark.parametrize(("study", "pages"), [
     ("touch", ["README.md", "docs/results/reproduction.md"]),
-    ("table4", ["docs/results/reproduction.md"]),
+    ("methods", ["docs/results/reproduction.md"]),
 ])  # fmt: skip
 def test_the_tables_of_results_follow_from_the_stored_rows(study, pages):
     estimates = read_rows(STUDIES / study, "estimates")
     main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
-    joined = join_seeds(main[main["metric"] == "success"]).set_index(["method", "task"])
+    joined = join_seeds(main).set_index(["metric", "method", "task"])
+    success, touch_share = joined.loc["success"], joined.loc["touch_share"]
     learned = {(task, name): count for (task, _, name), count in learned_seeds(estimates).items()}
-    for method in METHODS.keys() & {*joined.index.get_level_values("method")}:
+    for method in METHODS.keys() & {*success.index.get_level_values("method")}:
         cells = [
-            f"{row.value:.3f} [{row.low:.3f}, {row.high:.3f}], {learned[row.name[1], method]}"
-            for row in (joined.loc[method, task] for task in ("pushing", "opening", "pick-up"))
+            f"{estimate(success.loc[method, task])}, {learned[task, method]}"
+            for task in ("pushing", "opening", "pick-up")
         ]
+        if study == "methods":
+            cells.append(estimate(touch_share.loc[method, "playing"]))
         line = f"| {METHODS[method]} | {' | '.join(cells)} |"
         for page in pages:
             assert line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+
+
+def test_the_board_has_the_values_of_the_study_of_every_method():
+    estimates = read_rows(STUDIES / "methods", "estimates")
+    main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
+    studied = join_seeds(main).set_index(["method", "task", "metric"])
+    board = json.loads((ROOT / "reports/leaderboard/leaderboard.json").read_text())
+    rows = [row for row in board["ranked"] if row["name"] in METHODS]
+    assert {row["name"] for row in rows} == {*studied.index.get_level_values("method")}
+    for row in rows:
+        for task, metric in [*product(GOAL_TASKS, ["success", "exploration", "episode_steps"]),
+                             ("playing", "touch_share")]:  # fmt: skip
+            shown, value = row["figures"][task][metric], studied.loc[row["name"], task, metric]
+            assert [shown[end] for end in ENDS] == pytest.approx([value[end] for end in ENDS])
+
+
+def estimate(row):
+    return f"{row.value:.3f} [{row.low:.3f}, {row.high:.3f}]"
 
 
 def test_the_page_of_metrics_has_every_metric():
