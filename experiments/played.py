@@ -11,10 +11,21 @@ import tomllib
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 import minitouch_bench as mt
-from experiments.grid import Cell, add_rows, read_progress, task_rows, training_row, with_key
+from experiments.grid import (
+    KEY,
+    Cell,
+    add_rows,
+    cells_of,
+    read_design,
+    read_progress,
+    task_rows,
+    training_row,
+    with_key,
+)
 from minitouch_bench.files import RESULTS
 from minitouch_bench.policies.sources import directory_digest
 
@@ -28,6 +39,16 @@ def collect(training: Path, study: Path) -> None:
     cell = Cell(config["task"], config["method"], config["seed"], config["exploration"]["steps"])
     rows = {"curves": read_progress(training), "trainings": pd.DataFrame([training_row(training)])}
     add_rows(study, cell, {name: with_key(frame, cell) for name, frame in rows.items()})
+
+
+def put_in_order(study: Path) -> None:
+    """Sort the rows of a study as its design lists its trainings, in whatever order they ended."""
+    places = {cell: place for place, cell in enumerate(cells_of(read_design(study / "design.toml")))}
+    for name in ("curves", "trainings"):
+        rows = pd.read_csv(study / f"{name}.csv", dtype=str, keep_default_na=False)
+        keys = rows[KEY].astype({"training_seed": int, "exploration_steps": int})
+        order = [places[Cell(*key)] for key in keys.itertuples(index=False)]
+        rows.iloc[np.argsort(order, kind="stable")].to_csv(study / f"{name}.csv", index=False)
 
 
 @lru_cache(maxsize=1)
@@ -62,6 +83,7 @@ def main() -> None:
     given = parser.parse_args()
     for training in given.trainings:
         collect(training, given.study)
+    put_in_order(given.study)
 
 
 if __name__ == "__main__":
