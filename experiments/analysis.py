@@ -14,7 +14,7 @@ import pandas as pd
 
 from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
-from experiments.grid import KEY, cells_of, check_lock, default_output, finished_cells, read_design
+from experiments.grid import KEY, cells_of, check_lock, default_output, read_design
 from experiments.played import played_rows
 from experiments.reliance import WORDS
 from minitouch_bench.leaderboard.ranking import FLOOR_SUCCESS
@@ -111,7 +111,7 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
     changes = changes_of(episodes)
     joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
     judged = judge_claims(design.get("claims", []), _claimed_values(design, estimates))
-    state = f"{len(finished_cells(directory))} of {len(cells_of(design))} trainings"
+    state = f"{len(estimates[KEY].drop_duplicates())} of {len(cells_of(design))} trainings"
     title = design.get("title", f"Study {directory.resolve().name}")
     lines = [f"# {title}", "", f"{state} are done and evaluated."]
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]

@@ -37,13 +37,17 @@ def collect(training: Path, study: Path) -> None:
     """Add the curve and the policies of a finished training to the CSV files of a study."""
     config = tomllib.loads((training / "config.toml").read_text(encoding="utf-8"))
     cell = Cell(config["task"], config["method"], config["seed"], config["exploration"]["steps"])
+    if cell not in cells_of(read_design(study / "design.toml")):
+        sys.exit(f"{training} is no training of {study}/design.toml")
     rows = {"curves": read_progress(training), "trainings": pd.DataFrame([training_row(training)])}
     add_rows(study, cell, {name: with_key(frame, cell) for name, frame in rows.items()})
 
 
 def put_in_order(study: Path) -> None:
     """Sort the rows of a study as its design lists its trainings, in whatever order they ended."""
-    places = {cell: place for place, cell in enumerate(cells_of(read_design(study / "design.toml")))}
+    places = {
+        cell: place for place, cell in enumerate(cells_of(read_design(study / "design.toml")))
+    }
     for name in ("curves", "trainings"):
         rows = pd.read_csv(study / f"{name}.csv", dtype=str, keep_default_na=False)
         keys = rows[KEY].astype({"training_seed": int, "exploration_steps": int})
@@ -56,7 +60,7 @@ def played_rows(study: Path, results: Path = ROOT / RESULTS) -> dict[str, pd.Dat
     """Return the rows of ``episodes`` and ``estimates`` of a study's trainings.
 
     Raises:
-        SystemExit: a row was played with other policies than those of the study.
+        SystemExit: nothing was played, or a row with other policies than those of the study.
     """
     rows: dict[str, list[pd.DataFrame]] = {"episodes": [], "estimates": []}
     trainings = pd.read_csv(study / "trainings.csv", keep_default_na=False)
@@ -72,6 +76,8 @@ def played_rows(study: Path, results: Path = ROOT / RESULTS) -> dict[str, pd.Dat
                 if cell.task in run.plan.tasks:
                     for name, frame in task_rows(run, cell.task).items():
                         rows[name].append(with_key(frame, cell))
+    if not rows["episodes"]:
+        sys.exit(f"no training of {study} has a row in {results}")
     return {name: pd.concat(frames) for name, frames in rows.items()}
 
 

@@ -279,7 +279,7 @@ def replay(run: Run | StrPath, episode: str) -> EpisodePage:
 
 
 def _opened(run: Run | StrPath) -> Run:
-    return run if isinstance(run, Run) else read_run(Path(run))
+    return run if isinstance(run, Run) else read_run(Path(run).expanduser())
 
 
 @checked

@@ -58,7 +58,7 @@ def data_console() -> "Console":
 def print_problems(name: str, problems: Iterable[object]) -> None:
     """Print a line for each problem of a submission."""
     for problem in problems:
-        print(f"{printable(name)}: {problem}")
+        print(f"{printable(name)}: {printable(str(problem))}")
 
 
 def is_watched() -> bool:

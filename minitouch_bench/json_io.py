@@ -12,13 +12,13 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from functools import wraps
-from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from types import GenericAlias, UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
+import numpy as np
 import tomli_w
 
 from minitouch_bench.errors import RunDirectoryError, UsageError
@@ -166,8 +166,13 @@ def take_table(
 def _merged(known: Any, given: Any) -> Any:
     """Return what is given, and of tables in it what is known and not given."""
     if not (isinstance(known, Mapping) and isinstance(given, Mapping)):
-        return _as_plain_number(given)
+        return _as_plain(given)
     return {**known, **{key: _merged(known.get(key), value) for key, value in given.items()}}
+
+
+def _as_plain(value: Any) -> Any:
+    """Return Python's own value in place of a number of NumPy's."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
@@ -211,8 +216,7 @@ def whole_numbers(option: str, given: str | None) -> tuple[int, ...]:
 def checked(function: Function) -> Function:
     """Make a function that users call refuse arguments of other types than its annotations.
 
-    Numbers of other kinds, such as NumPy's, are passed on as Python's, and the ``~`` of a path as
-    the user's directory.
+    NumPy's numbers are passed on as Python's, and the ``~`` of a path as the user's directory.
 
     Raises (the function that is returned):
         UsageError: an argument is unknown, missing or of another type.
@@ -230,22 +234,16 @@ def checked(function: Function) -> Function:
         except TypeError as error:
             known = ", ".join(one for one in signature.parameters if one != "self")
             raise UsageError(f"{name}: {error}; its arguments are {known}") from error
-        for argument, value in bound.arguments.items():
-            kind = kinds.get(argument, object)
+        for argument, given in bound.arguments.items():
+            kind, value = kinds.get(argument, object), _as_plain(given)
             if not _fits(value, kind):
                 what = f"expected {_type_name(kind)}, got {_type_name(type(value), value)}"
                 raise UsageError(f"{name}: {argument}: {what}")
             is_path = isinstance(value, str | PathLike) and PathLike[str] in get_args(kind)
-            bound.arguments[argument] = (
-                os.path.expanduser(value) if is_path else _as_plain_number(value)
-            )
+            bound.arguments[argument] = os.path.expanduser(value) if is_path else value
         return function(*bound.args, **bound.kwargs)
 
     return cast(Function, call)
-
-
-NUMBERS: Mapping[type, type] = {int: Integral, float: Real}
-"""What is accepted as a number of each kind."""
 
 
 def _fits(value: Any, kind: Any) -> bool:
@@ -255,8 +253,8 @@ def _fits(value: Any, kind: Any) -> bool:
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         return any(_fits(value, part) for part in parts)
-    if kind in NUMBERS:
-        return isinstance(value, NUMBERS[kind]) and not isinstance(value, bool)
+    if kind in (int, float):
+        return isinstance(value, (int, kind)) and not isinstance(value, bool)
     if origin is Sequence:
         is_list = isinstance(value, Sequence) and not isinstance(value, str | bytes)
         return is_list and all(_fits(one, parts[0]) for one in value)
@@ -268,10 +266,3 @@ def _type_name(kind: Any, value: Any = None) -> str:
     if isinstance(value, list | tuple):
         return f"{kind.__name__}[{', '.join(sorted({type(one).__name__ for one in value}))}]"
     return re.sub(r"\b\w+\.", "", str(kind)) if get_args(kind) else kind.__name__
-
-
-def _as_plain_number(value: Any) -> Any:
-    """Return Python's own number in place of another one; anything else as it is."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return value
-    return int(value) if isinstance(value, Integral) else float(value)

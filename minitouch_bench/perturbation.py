@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from minitouch_bench.errors import UsageError
+from minitouch_bench.text import exact
 
 Sense = Literal["touch", "forces", "vision"]
 Range = tuple[float, float]
@@ -118,7 +119,7 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
             value = getattr(self, name)
             if value != getattr(UNPERTURBED, name):
                 low, high = _as_range(value)
-                yield _spelled(name), f"{low:.15g}" if low == high else f"{low:.15g}:{high:.15g}"
+                yield _spelled(name), ":".join(map(exact, dict.fromkeys((low, high))))
 
 
 _ALLOWED: Mapping[str, tuple[float, float, str]] = {

@@ -11,6 +11,11 @@ UNSEEN_CHARACTERS = frozenset(
 """What shows nothing though Unicode calls it a letter or a mark; the rest is control or format."""
 
 
+def exact(number: float) -> str:
+    """Write a number so that it reads back as the same bits, a whole one without a point."""
+    return repr(number).removesuffix(".0")
+
+
 def printable(text: str) -> str:
     """Return the text on one line, without control, direction, surrogate and unseen characters."""
     if text.isascii() and text.isprintable():

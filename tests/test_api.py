@@ -245,7 +245,8 @@ def test_an_argument_that_there_is_not_or_of_another_type_is_refused(
 
 
 def test_numbers_of_numpy_and_one_name_of_episodes_are_taken():
-    options = {"seed": np.int64(3), "act_timeout": np.float32(2), "video": np.uint8(0)}
+    options = {"seed": np.int64(3), "act_timeout": np.float32(2), "video": np.uint8(0),
+               "resume": np.bool_(False)}  # fmt: skip
     run = mt.evaluate("zero", "smoke", episodes_from="opening/3", workers=np.int64(1), **options)
     assert list(run.episodes["index"]) == [3]
     assert (run.plan.seed, run.plan.limits.act_timeout_s) == (3, 2.0)
@@ -258,6 +259,10 @@ def test_a_path_in_the_user_s_directory_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     run = mt.evaluate("zero", "smoke", episodes_from="opening/3", output="~/run")
     assert run == mt.load_run("~/run") == mt.load_run(tmp_path / "run")
+    assert mt.compare("~/run", run).pairs[0].identical
+    assert mt.replay("~/run", "opening/3")
+    with pytest.raises(PolicyLoadError, match=re.escape(str(tmp_path))):
+        mt.evaluate("~/none.pt", "smoke")
 
 
 def test_a_set_of_objects_can_be_a_path(tmp_path):

@@ -13,7 +13,6 @@ from minitouch_bench.console import episode_progress, note
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSIONS
 from minitouch_bench.json_io import whole_numbers, words
-from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.text import printable
@@ -97,7 +96,7 @@ def submit(
         seeds = whole_numbers("--training-seeds", training_seeds)
         checkpoints = packing.pack_policies(policies, exploration or [], seeds)
         if not any(checkpoints.values()):
-            if name not in BUILT_IN:
+            if [name] != policies:
                 raise errors.UsageError(
                     f"'{policies[0]}' is a built-in policy: it has a row already"
                 )

@@ -172,12 +172,16 @@ def _beside_first(runs: Sequence[Run]) -> Iterator[tuple[tuple[Run, ...], pairin
 
 
 def shared_tasks(runs: Sequence[Run]) -> list[Run]:
-    """Return runs without the tasks that not all of them have.
+    """Return runs without the tasks that not all of them have, or not by the first one's rules.
+
+    A run whose tasks are all by other rules keeps them: pairing refuses it by name.
 
     Raises:
         UsageError: they have no task in common.
     """
     tasks = [task for task in runs[0].tasks if all(task in run.tasks for run in runs)]
+    differ = {task for run in runs for task in runs[0].header.rules_differ(run.header)}
+    tasks = [task for task in tasks if task not in differ] or tasks
     if not tasks:
         of_each = " and ".join(f"'{run.place}' of {', '.join(run.tasks)}" for run in runs)
         raise UsageError(f"no task to compare: {printable(of_each)}")

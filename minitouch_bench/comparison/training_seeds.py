@@ -294,8 +294,11 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
     )
     trainings = _values_of_trainings(SIDES, collected[metrics.index(main)], paths)
     first, second = map(_side_of, SIDES, sides, paths)
-    left_out = sorted({task for run in runs for task in run.tasks} - {*tasks})
-    lacking = [f"left out, because not every run has it: {task}" for task in left_out]
+    compared = {one.effect.task for one in metrics}
+    left_out = sorted({task for run in runs for task in run.tasks} - compared)
+    lacking = [
+        f"left out, because not every run has it by these rules: {task}" for task in left_out
+    ]
     notes = (*map(printable, lacking), *pairing.exploration_left_out(runs))
     return MethodComparison((first, second), trainings, main, metrics, notes)
 

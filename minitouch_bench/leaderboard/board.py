@@ -289,12 +289,16 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     """Return by the name of each copy the row that it repeats, which was played before it.
 
     A training repeats another where their checkpoints are equal, or at least COPIED_SHARE of the
-    final policy's episodes, bit for bit: a copy that acts a little otherwise in most of its
-    episodes is not seen.
+    final policy's episodes of a suite, bit for bit: a copy that acts a little otherwise in most of
+    its episodes is not seen.
     """
     trainings = [(name, draw) for name, one in played.items() for draw in one.draws()]
-    runs = [run for one in played.values() for run in next(iter(one.official.values()))]
-    same_episodes = _same_episodes(dict(zip(trainings, runs, strict=True)))
+    by_suite: dict[str, dict[PlayedTraining, Run]] = {}
+    for name, one in played.items():
+        for suite, runs in one.official.items():
+            of_row = ((name, draw) for draw in one.draws())
+            by_suite.setdefault(suite, {}).update(zip(of_row, runs, strict=True))
+    same_episodes = [pair for runs in by_suite.values() for pair in _same_episodes(runs)]
     # A built-in policy is never a copy, whenever its row was played.
     order = sorted(trainings, key=lambda one: (one[1].final != "", one[1].at, one[0]))
     copies: dict[str, str] = {}
@@ -306,7 +310,7 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
 
 
 def _same_episodes(runs: Mapping[PlayedTraining, Run]) -> list[set[PlayedTraining]]:
-    """Return the pairs of trainings that share COPIED_SHARE of the smaller one's episodes.
+    """Return the pairs of a suite's runs that share COPIED_SHARE of the smaller one's episodes.
 
     Episodes without a step are equal in every run and do not count.
     """

@@ -15,11 +15,11 @@ from minitouch_bench.leaderboard.ranking import RunsBySuite
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Floats, mean_difference
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.runs.plan import Plan, make_plan
+from minitouch_bench.runs.plan import NOVEL_SUITES, Plan, make_plan
 from minitouch_bench.runs.run import Run
 
 FRESH_EPISODES = 50
-"""Per task and training. On novel shapes they use the suite's first shapes, in new scenes."""
+"""Per task and training. On novel shapes half of them have held-out shapes."""
 
 SIGNIFICANCE = 0.01
 """Upper limit of the chance that an honest row loses its rank."""
@@ -29,9 +29,21 @@ ORDERS = 200_000
 
 
 def fresh_plan(suite: str, checkpoint: str, draw: str) -> Plan:
-    """Return the fresh episodes of a suite; their seed is SHA-256 over checkpoint and draw."""
+    """Return the fresh episodes of a suite; their seed is SHA-256 over checkpoint and draw.
+
+    On novel shapes the seed draws which shapes they have, too: a fixed part of them could be easier
+    or harder than the whole.
+    """
     seed = int.from_bytes(hashlib.sha256(f"{checkpoint} {draw}".encode()).digest(), "big")
-    return replace(make_plan(suite), episodes=FRESH_EPISODES, seed=seed)
+    plan = make_plan(suite)
+    if suite not in NOVEL_SUITES:
+        return replace(plan, episodes=FRESH_EPISODES, seed=seed)
+    rng = np.random.default_rng(seed)
+    chosen = []
+    for task in plan.tasks:  # an even episode has a held-out shape, the next one a train shape
+        pairs = rng.choice(plan.episodes // 2, FRESH_EPISODES // 2, replace=False)
+        chosen += [f"{task}/{2 * pair + turn}" for pair in sorted(pairs) for turn in range(2)]
+    return replace(plan, seed=seed, chosen=tuple(chosen))
 
 
 def drop_p(official: RunsBySuite, fresh: RunsBySuite) -> float:

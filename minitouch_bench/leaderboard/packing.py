@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,11 @@ def pack_trainings(directories: Sequence[str]) -> tuple[Checkpoints, dict[str, A
         for role in Role:
             for task, directory in places.items():
                 path = directory / TRAINED[role]
-                # In Playing the exploration policy is the final one.
-                if role is Role.FINAL or (task in GOAL_TASKS and path.exists()):
+                # In Playing the exploration policy is the final one. One with other senses than the
+                # final policy's is another method's.
+                senses = of_seed[task][1].exploration.without, of_seed[task][1].without
+                explores = task in GOAL_TASKS and path.exists() and senses[0] == senses[1]
+                if role is Role.FINAL or explores:
                     digest = parse_source(str(path)).digest
                     files_of[CheckpointFile(role, task, f"{task}{path.suffix}", digest)] = path
     return found, next(iter(told.values()))
@@ -212,10 +215,10 @@ def _try_policies(
 
 
 @contextmanager
-def lock_aside(submissions: Path) -> Iterator[Path]:
-    """Hold an empty folder beside the submissions, which no board reads; remove it afterwards."""
-    folder = submissions / PACKING
-    with files.lock_directory(submissions, wait=True):
+def lock_aside(parent: Path) -> Iterator[Path]:
+    """Hold an empty folder beside submissions or rows, which no board reads; then remove it."""
+    folder = parent / PACKING
+    with files.lock_directory(parent, wait=True):
         with files.os_errors_as(RunDirectoryError, folder, "cleared"):
             if os.path.lexists(folder):
                 shutil.rmtree(folder)
@@ -242,14 +245,17 @@ def remove_submission(submissions: Path, results: Path, name: str) -> list[Path]
 
     Raises:
         UsageError: neither is there.
-        RunDirectoryError: a file cannot be removed.
+        RunDirectoryError: the row is being played, or a file cannot be removed.
     """
     is_name = re.search(str(NAME.pattern), name)  # so that it leads nowhere else
     there = [*filter(files.is_folder, (submissions / name, results / name))] if is_name else []
     if not there:
         raise UsageError(f"there is no submission '{printable(name)}' in {submissions}")
-    with lock_aside(submissions) as aside:
-        for number, path in enumerate(there):
+    with ExitStack() as stack:
+        if results / name in there:
+            stack.enter_context(files.lock_directory(results / name))  # as ``play`` does
+        asides = [stack.enter_context(lock_aside(path.parent)) for path in there]
+        for path, aside in zip(there, asides, strict=True):
             with files.os_errors_as(RunDirectoryError, path, "removed"):
-                path.rename(aside / str(number))
+                path.rename(aside / name)
     return there

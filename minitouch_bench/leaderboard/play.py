@@ -10,6 +10,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +20,7 @@ from msgspec import Meta
 
 from minitouch_bench import errors, files
 from minitouch_bench.episode import Episode, PlayedEpisode, Role, Sha256OrNone
-from minitouch_bench.evaluation.engine import Callbacks, Engine
+from minitouch_bench.evaluation.engine import SILENT, Callbacks, Engine, Note
 from minitouch_bench.evaluation.execution import header_of, open_run, play_run
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import read_toml, take_table, whole, write_toml
@@ -65,7 +66,8 @@ class FreshDraw:
 class RowFacts:
     """What ``row.toml`` says.
 
-    ``played``: the suites that every training has finished, with their fresh episodes.
+    ``played``: the suites that every training has finished, with their fresh episodes: those that
+    a board shows.
     ``drop_p``: see ``fresh.drop_p``, over these suites. ``waiting``: why the rest is not played,
     "" if nothing prevents it.
     """
@@ -172,27 +174,23 @@ class Entry:
             raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
         return run
 
-    def read(self) -> "PlayedRow":
-        """Return what was played: the runs of suites that every training has finished.
+    def read(self, row: RowFacts | None = None) -> "PlayedRow":
+        """Return the runs of the suites that ``row`` says are played; by default ``row.toml``.
 
         Raises:
-            RunDirectoryError: a file is damaged, or the run is of other policies or rules.
+            RunDirectoryError: a file is missing or damaged, or a run is of other policies or rules.
         """
-        row = self.read_row()
-        found: dict[bool, dict[str, list[Run]]] = {False: {}, True: {}}
+        row = row or self.read_row()
+        played = [suite for suite in self.submission.suites if suite in row.played]
+        found: dict[bool, dict[str, list[Run]]] = {
+            is_fresh: {suite: [] for suite in played} for is_fresh in (False, True)
+        }
         for part in self.parts(row):
-            if (run := self.read_run(part)) is not None:
-                found[part.is_fresh].setdefault(part.plan.suite, []).append(run)
-        number = len(self.submission.trainings)
-        whole_suites = [
-            suite
-            for suite in self.submission.suites
-            if all(len(runs.get(suite, ())) == number for runs in found.values())
-        ]
-        official, fresh = (
-            {suite: runs[suite] for suite in whole_suites} for runs in found.values()
-        )
-        return PlayedRow(self.submission, row, official, fresh)
+            if part.plan.suite in played:
+                if (run := self.read_run(part)) is None:
+                    raise errors.RunDirectoryError(f"{self.results} lacks {part.place}")
+                found[part.is_fresh][part.plan.suite].append(run)
+        return PlayedRow(self.submission, row, found[False], found[True])
 
 
 @dataclass(frozen=True)
@@ -235,7 +233,7 @@ def play_row(
     with files.lock_directory(entry.results):
         row = _keep_draws(entry)
         wanted = suites or entry.submission.suites
-        missing = [part for part in _missing(entry, row, callbacks) if part.plan.suite in wanted]
+        missing = [*_missing(entry, row, wanted, callbacks.note)]
         waiting = ""
         try:
             for number, part in enumerate(missing, start=1):
@@ -248,13 +246,19 @@ def play_row(
                 _play_part(entry, part, engine, _within_limit(callbacks, left), directory)
         except errors.HopelessRunError as error:
             waiting = str(error).partition("\n")[0]
-        now = entry.read()
-        p = drop_p(now.official, now.fresh) if now.official else 1.0
-        row = replace(row, played=tuple(now.official), drop_p=p, waiting=waiting)
-        files.write_file(entry.results / ROW_FILE, write_toml(row))
-        if not waiting:
-            shutil.rmtree(directory / entry.name, ignore_errors=True)
+        finally:  # also of a play that ends here: a board shows the suites that are finished
+            row = replace(_with_played(entry, row), waiting=waiting)
+            files.write_file(entry.results / ROW_FILE, write_toml(row))
         return row
+
+
+def _with_played(entry: Entry, row: RowFacts) -> RowFacts:
+    """Return a row with the suites that are finished by now, and the test for a drop over them."""
+    suites = entry.submission.suites
+    missing = {part.plan.suite for part in _missing(entry, row, suites, SILENT.note)}
+    row = replace(row, played=tuple(suite for suite in suites if suite not in missing))
+    now = entry.read(row)
+    return replace(row, drop_p=drop_p(now.official, now.fresh) if row.played else 1.0)
 
 
 def _keep_draws(entry: Entry) -> RowFacts:
@@ -278,14 +282,16 @@ def _keep_draws(entry: Entry) -> RowFacts:
     return row
 
 
-def _missing(entry: Entry, row: RowFacts, callbacks: Callbacks) -> Iterator[RowRun]:
-    """Yield the runs without a result, or whose result is damaged or of other policies or rules."""
+def _missing(entry: Entry, row: RowFacts, suites: Sequence[str], note: Note) -> Iterator[RowRun]:
+    """Yield the runs of suites without a result, or with one that is damaged or of other rules."""
     for part in entry.parts(row):
+        if part.plan.suite not in suites:
+            continue
         try:
             if entry.read_run(part) is None:
                 yield part
         except errors.RunDirectoryError as error:
-            callbacks.note(f"{error}: it is played again")
+            note(f"{error}: it is played again")
             yield part
 
 
@@ -326,3 +332,7 @@ def _play_part(
         run = play_run(setup, opened, engine, callbacks, how="")
     content = gzip.compress(run.content, mtime=0)
     files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)
+    shutil.rmtree(place)
+    with suppress(OSError):  # other runs may be unfinished
+        place.parent.rmdir()
+        place.parent.parent.rmdir()

@@ -95,6 +95,8 @@ def pack(folder: Path, *, follow: bool) -> bytes:
     packed = io.BytesIO()
     with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as archive:
         for name in sorted({*PARTS, *(path.name for path in folder.glob(STATES))}):
+            if len(name.encode()) > tarfile.LENGTH_NAME:
+                raise PolicyLoadError(f"{folder} has a file of a name that is too long: {name}")
             content = files.read_file(folder / name, files.LARGEST_CHECKPOINT, follow=follow)
             member = tarfile.TarInfo(name)
             member.size = len(content)

@@ -9,14 +9,15 @@ import hashlib
 import inspect
 import io
 import pickle
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import cloudpickle
 import numpy as np
+from cloudpickle.cloudpickle import _DYNAMIC_CLASS_TRACKER_BY_CLASS as CLASS_IDS
 from numpy.typing import NDArray
 
 from minitouch_bench.episode import IN_MEMORY, Observation
@@ -49,16 +50,13 @@ def load_factory(source: PolicySource) -> Policy:
     return make_policy(look_up_own(source.target), source.deterministic)
 
 
-CLASS_ID = re.compile(rb"\x8c\x20[0-9a-f]{32}")
-"""How cloudpickle names a class of ``__main__``: 32 digits, drawn again in each process."""
-
-
 class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
     """Writes equal objects as equal bytes in each process.
 
     Pickle writes a tensor and its storage with an address in memory, and a set in an order that
     each process draws. Here both are written as type, shape and bytes, and a set as the sorted
-    digests of its members.
+    digests of its members. Code is written without its file, which of a notebook's cell names the
+    process.
     """
 
     def __init__(self, file: io.BytesIO, around: tuple[object, ...] = ()) -> None:
@@ -70,8 +68,15 @@ class _Digester(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
         if isinstance(value, set | frozenset):
             is_again = any(value is other for other in self._around)  # a member knows its set
             members = () if is_again else value
-            return type(value).__name__, sorted(_digest(m, (*self._around, value)) for m in members)
+            digests = sorted(_digest(member, (*self._around, value)) for member in members)
+            return type(value), digests, getattr(value, "__dict__", None)
         return _tensor_content(value)
+
+    def reducer_override(self, value: object) -> Any:
+        """Return how cloudpickle writes a value."""
+        if isinstance(value, CodeType):
+            return self.dispatch_table[CodeType](value.replace(co_filename=""))
+        return super().reducer_override(value)
 
 
 def digest_object(value: object) -> str:
@@ -82,7 +87,10 @@ def digest_object(value: object) -> str:
 def _digest(value: object, around: tuple[object, ...]) -> str:
     written = io.BytesIO()
     _Digester(written, around).dump(value)
-    return hashlib.sha256(CLASS_ID.sub(b"", written.getvalue())).hexdigest()
+    content = written.getvalue()
+    for drawn in list(CLASS_IDS.values()):  # again in each process
+        content = content.replace(drawn.encode(), b"")
+    return hashlib.sha256(content).hexdigest()
 
 
 def _tensor_content(value: object) -> object:

@@ -6,6 +6,7 @@ lie; the sandbox's limit of memory holds those that do.
 
 import hashlib
 import io
+import os
 import re
 import urllib.parse
 import zipfile
@@ -137,7 +138,7 @@ def parse_source(text: str, *, role: Role = Role.FINAL) -> PolicySource:
         return PolicySource(text, text, text)
     if is_remote(text):
         return _parse_hub(text) if text.startswith(HUB) else _parse_url(text)
-    path = Path(text)
+    path = Path(os.path.expanduser(text))
     with files.os_errors_as(PolicyLoadError, path, "read"):
         exists, is_directory = path.exists(), path.is_dir()
     if is_directory:

@@ -8,6 +8,7 @@ from msgspec import Meta
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.protocol.minitouch import PROTOCOL
+from minitouch_bench.text import exact
 
 LOAD_TIMEOUT_S, ACT_TIMEOUT_S, EPISODE_TIMEOUT_S = 60.0, 5.0, 300.0
 """How long a policy may take, in s: to load and reset, for one action, for a whole episode."""
@@ -49,10 +50,10 @@ class PolicyLimits:
     def as_options(self) -> tuple[str, ...]:
         """Return the command line's options for the times that are not the protocol's."""
         act, episode = self.act_timeout_s, self.episode_timeout_s
-        words = ("--act-timeout", f"{act:.15g}") if act != ACT_TIMEOUT_S else ()
+        words = ("--act-timeout", exact(act)) if act != ACT_TIMEOUT_S else ()
         if episode == EPISODE_TIMEOUT_S:
             return words
-        return (*words, "--episode-timeout", f"{episode:.15g}")
+        return (*words, "--episode-timeout", exact(episode))
 
     def within(self, most: "PolicyLimits") -> "PolicyLimits":
         """Return these limits, each of them at most that of ``most``."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds, wilson
-from minitouch_bench.metrics.starts import StartTest, judge_starts
+from minitouch_bench.metrics.starts import FEWEST_SCENES, StartTest, judge_starts
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, OPENING, PROTOCOL, PUSHING
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import LegendItem
@@ -83,7 +83,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
         "and is divided by how they ended; a click on a dot shows its episode. Below a map: the "
         "part of the starts whose success differs most from the rest, if one permutation test "
         "over all parts finds a difference. p is adjusted for the "
-        f"{numbered(len(tested), 'map')} with a goal.",
+        f"{numbered(sum(test.bins > 0 for test in tests), 'map')} that are tested.",
         tuple(plots),
         _in_order(levels),
     )
@@ -133,7 +133,10 @@ def sentence(test: StartTest) -> str:
     if not test.bins:
         count = numbered(test.episodes, "episode")
         ends = {0: f"None of {count} succeeded.", test.episodes: f"All of {count} succeeded."}
-        return ends.get(test.successes, f"{count} are too few to test.")
+        few = f"{count} are too few to test."
+        if test.scenes >= 2 * FEWEST_SCENES:  # all scenes have one share, or no bin has enough
+            few = f"{test.successes} of {count} succeeded; no part of the starts can be tested."
+        return ends.get(test.successes, few)
     if not test.is_found:
         scenes = f" of {test.scenes} scenes" if test.scenes < test.episodes else ""
         return f"No dependence on the start found in {test.episodes} episodes{scenes}."

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import minitouch_bench as mt
-from minitouch_bench.files import write_file
+from minitouch_bench.files import lock_directory, write_file
 from minitouch_bench.leaderboard.play import RowFacts
 from tests.altered import ROOT
 from tests.commands.command import run, succeed
@@ -24,12 +24,13 @@ def root(tmp_path):
 
 
 def test_every_problem_has_a_line_and_the_exit_code_is_1(root):
-    (root / "submissions/hac/notes.txt").write_text("hello")
+    (root / "submissions/hac/n\nnew: in order\x1b[8m").write_text("hello")
     (root / "submissions/hac/checkpoints/table4.csv").write_text("policy\n")
     done = run("leaderboard", "check", "hac", "new", "nosuch", directory=root)
     assert done.code == 1
     assert [line.split(":")[0] for line in done.out.splitlines()] == ["hac", "hac", "new", "nosuch"]
     assert "new: files and rules in order" in done.out
+    assert "\x1b" not in done.out
     succeed("leaderboard", "check", "new", directory=root)
 
 
@@ -115,6 +116,8 @@ def test_a_submission_is_removed_with_its_results(root):
     for name in (".packing", "..", "../submissions/hac", "hac/seed-0"):
         run("leaderboard", "remove", name, directory=root).refused(2, "no submission")
     assert (root / "submissions/hac/submission.toml").exists()
+    with lock_directory(root / "reports/results/hac"):  # as it is played
+        run("leaderboard", "remove", "hac", directory=root).refused(6, "in use")
     done = succeed("leaderboard", "remove", "hac", directory=root)
     assert done.out.splitlines() == ["submissions/hac", "reports/results/hac"]
     assert [*(root / "submissions").iterdir()] == [root / "submissions/new"]

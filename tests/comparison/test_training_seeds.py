@@ -254,6 +254,14 @@ def test_the_seeds_for_a_difference_of_a_tenth_find_it_in_four_of_five_studies()
     assert 0.65 < np.mean(found) < 0.93
 
 
+def test_a_task_that_one_run_has_by_other_rules_is_left_out():
+    *same, other = BAD
+    rules = {**other.header.task_digests, "opening": "ff" * 32}
+    found = compared(GOOD, [*same, with_header(other, task_digests=rules)])
+    assert {one.effect.task for one in found.metrics} == {"pushing"}
+    assert any("opening" in note for note in found.notes)
+
+
 @pytest.mark.parametrize(
     ("a", "b", "why"),
     [

@@ -120,13 +120,13 @@ def make_row(
         )
         for one in entry.submission.trainings
     )
-    row = RowFacts(draws)
+    row = RowFacts(draws, suites)
     write_file(entry.results / ROW_FILE, write_toml(row))
     for part in entry.parts(row):
         own = fresh_skill if part.is_fresh and fresh_skill is not None else skill
         write_result(entry, part, own, 0 if part.is_fresh else faults)
     played_row = entry.read()
-    row = replace(row, played=suites, drop_p=drop_p(played_row.official, played_row.fresh))
+    row = replace(row, drop_p=drop_p(played_row.official, played_row.fresh))
     write_file(entry.results / ROW_FILE, write_toml(row))
     return entry
 

@@ -238,6 +238,10 @@ def test_a_copy_and_a_row_that_drops_have_no_rank_and_no_part_in_the_tests(tmp_p
         "table": "",
     }
     assert len(board.pairs[OVERALL]) == 1
+    turned = tmp_path / "turned"
+    make_row(turned, "original", 0.5, suites=BOTH)
+    make_row(turned, "later", 0.5, suites=BOTH[::-1], at=NOON)
+    assert {row.name: row.copy_of for row in build(turned).unranked} == {"later": "original"}
     for name, reason in (("a-copy-1", "a copy of original"), ("table", "worse in fresh episodes")):
         assert reason in (tmp_path / "board" / "submission" / f"{name}.html").read_text()
 

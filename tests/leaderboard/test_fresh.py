@@ -21,6 +21,17 @@ def test_the_seed_follows_from_checkpoint_and_draw_alone():
     assert plan.seed not in {fresh_plan("table4", *words).seed for words in others}
 
 
+def test_fresh_novel_shapes_are_drawn_half_of_them_held_out():
+    plans = [fresh_plan("novel-shapes", "ab" * 32, draw) for draw in ("one", "two")]
+    for plan in plans:
+        specs = plan.specs()
+        assert [spec.task for spec in specs].count("pick-up") == FRESH_EPISODES
+        assert [spec.split for spec in specs].count("held-out") == len(specs) / 2
+        assert len({spec.shape for spec in specs if spec.task == "pick-up"}) == FRESH_EPISODES
+    first, second = ({spec.shape for spec in plan.specs()} for plan in plans)
+    assert len(first & second) < len(first) / 2
+
+
 def row(task, value):
     """What the two ranking metrics read of an episode."""
     steps = round(200 * value)

@@ -115,6 +115,7 @@ def test_training_directories_are_grouped_by_their_seed():
     assert ("exploration", "playing") not in files
     submit([make_training("pushing", 1, without=("forces", "vision"))], name="blind")
     assert told("blind").modalities == ("proprioception",)
+    assert [file.role for file in told("blind").trainings[0].checkpoints] == ["final"]
 
 
 @pytest.mark.usefixtures("no_trial")
@@ -142,6 +143,7 @@ POLICY = ["policy-0.safetensors"]
         (POLICY * 2, {"exploration": ["policy-1.safetensors"]}, "exploration policies"),
         (["policy-0.safetensors", "policy-1.safetensors"], {"training_seeds": "1,1"}, "different"),
         (["random"], {"name": "mine", "modalities": "touch"}, "has a row already"),
+        (["random"], {"name": "zero"}, "has a row already"),
         (["http://localhost:1"], {}, "not a checkpoint"),
     ],
 )

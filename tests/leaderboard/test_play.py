@@ -158,6 +158,42 @@ def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
         play(entry)
 
 
+TWO = ("table4", "novel-shapes")
+
+
+@pytest.fixture
+def entry_of_two(tmp_path, checkpoints):
+    entry = submit(tmp_path, *checkpoints)
+    told = replace(entry.submission, suites=TWO)
+    (entry.directory / "submission.toml").write_text(write_toml(told))
+    return Entry.open(entry.directory, tmp_path / "results")
+
+
+def test_a_row_that_is_stopped_shows_the_suites_that_are_finished(entry_of_two):
+    with pytest.raises(InterruptedRunError):
+        play(entry_of_two, Count(ALL + 1, interrupt).callbacks())
+    row = entry_of_two.read_row()
+    assert row.played == TWO[:1]
+    assert row.drop_p == play(entry_of_two, suites=TWO[:1]).drop_p
+    assert [*entry_of_two.read().official] == [*TWO[:1]]
+    assert play(entry_of_two).played == TWO
+    (entry_of_two.results / ROW_FILE).write_text(write_toml(replace(row, played=())))
+    assert entry_of_two.read().official == {}
+
+
+def test_a_suite_is_played_alone_whatever_lies_of_the_others(entry_of_two, tmp_path):
+    with pytest.raises(InterruptedRunError):
+        play(entry_of_two, Count(2, interrupt).callbacks(), suites=TWO[:1])
+    assert play(entry_of_two, suites=TWO[1:]).played == TWO[1:]
+    unfinished = tmp_path / "results/play/hac/seed-0"
+    assert [path.name for path in unfinished.iterdir()] == ["table4"]
+    assert play(entry_of_two, suites=TWO[:1]).played == TWO
+    (entry_of_two.results / "seed-0/novel-shapes/run.json.gz").write_bytes(b"\x1f\x8b")
+    notes = Count()
+    assert play(entry_of_two, notes.callbacks(), suites=TWO[:1]).played == TWO[:1]
+    assert notes.notes == []
+
+
 def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     monkeypatch.setattr(entries, "PLAY_LIMIT_S", 1e-6)
     monkeypatch.setattr(entries, "MEASURED_S", 0.0)

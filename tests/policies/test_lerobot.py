@@ -71,6 +71,13 @@ def test_a_missing_part_is_named_with_what_to_do(tmp_path, name):
         parse_source(str(folder))
 
 
+def test_a_name_that_is_too_long_is_refused_in_a_line(tmp_path):
+    folder = write_parts(tmp_path / "x")
+    (folder / f"policy_preprocessor_{'9' * 100}.safetensors").touch()
+    with pytest.raises(PolicyLoadError, match="too long"):
+        parse_source(str(folder))
+
+
 def test_weights_alone_are_refused(tmp_path):
     path = tmp_path / lerobot.WEIGHTS
     path.write_bytes(safetensors.numpy.save({"a": np.zeros(2, np.float32)}))

@@ -197,6 +197,25 @@ def test_an_object_of_tensors_and_sets_has_one_digest_in_all_processes():
     assert len({*first}) == 2
 
 
+class NamedSet(set):
+    """A set that has attributes."""
+
+
+def named_set(name):
+    made = NamedSet({1, 2})
+    made.name = name
+    return made
+
+
+def test_code_has_one_digest_wherever_it_was_typed():
+    def made(file):
+        space = {}
+        exec(compile("class P:\n def act(self, observation): return 0", file, "exec"), space)
+        return keep_in_memory(space["P"]()).digest
+
+    assert made("/tmp/ipykernel_1/2.py") == made("/tmp/ipykernel_3/4.py")
+
+
 def test_other_tensors_and_sets_have_other_digests():
     def digest(value):
         policy = Ending("nowhere", None)
@@ -207,6 +226,7 @@ def test_other_tensors_and_sets_have_other_digests():
         torch.zeros(4), torch.zeros(2, 2), torch.zeros(4, dtype=torch.int32), -torch.zeros(4),
         torch.tensor(0.0), torch.nn.Parameter(torch.zeros(4)), torch.eye(2).to_sparse(),
         torch.zeros(4, device="meta"), {1, 2}, {1, 3}, {"1", 2}, frozenset({1, 2}), {Ending},
+        "0" * 32, "f" * 32, named_set("left"), named_set("right"),
     ]  # fmt: skip
     assert len({*map(digest, values)}) == len(values)
     transposed = torch.arange(4.0).reshape(2, 2).T

@@ -89,6 +89,10 @@ SENTENCES = [
     (StartTest(1, 1, 1), "All of 1 episode succeeded."),
     (StartTest(30, 30, 0), "None of 30 episodes succeeded."),
     (StartTest(5, 5, 2), "5 episodes are too few to test."),
+    (
+        StartTest(200, 100, 100),
+        "100 of 200 episodes succeeded; no part of the starts can be tested",
+    ),
     (StartTest(800, 100, 300, 20, 0.3), "No dependence on the start found in 800 episodes of 100"),
     (StartTest(9, 9, 5, 4, 0.02, "it is far", (1, 5), (4, 4)), "less likely where it is far: 1 of"),
 ]

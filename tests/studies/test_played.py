@@ -21,6 +21,8 @@ def trained(tmp_path_factory):
     study, policy, row = (folder / name for name in ("study", "policy", "results/hac/seed-3"))
     study.mkdir()
     policy.mkdir()
+    design = "tasks = ['opening']\nmethods = ['hac']\nseeds = [3]\nexploration_steps = [45]\n"
+    (study / "design.toml").write_text(design)
     collect(training, study)
     (policy / "opening.safetensors").write_bytes((training / "final.safetensors").read_bytes())
     run = mt.evaluate(str(policy), tasks=["opening"], episodes=2, output=row / "table4", workers=1)
@@ -37,6 +39,18 @@ def test_rows_are_those_of_the_played_run(trained):
     success = rows["estimates"].set_index("metric").loc["success"]
     assert success["value"] == run["opening"].success.value
     assert success["episodes"] == 2
+
+
+def test_a_training_that_is_not_of_the_design_or_not_played_is_refused(trained, tmp_path):
+    study, _ = trained
+    design, training = tmp_path / "design.toml", study.parent / "training"
+    design.write_text((study / "design.toml").read_text().replace("[3]", "[4]"))
+    with pytest.raises(SystemExit, match="no training of"):
+        collect(training, tmp_path)
+    assert [*tmp_path.iterdir()] == [design]
+    played_rows.cache_clear()
+    with pytest.raises(SystemExit, match="has a row"):
+        played_rows(study, tmp_path)
 
 
 def test_a_row_of_another_policy_is_not_taken_for_the_training_s(trained):
