@@ -23,7 +23,7 @@ Results = Annotated[Path, option("DIR", "Directory of the rows' results.")]
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard check my-policy")
 def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
-    """Check the files and words of submissions; exit 1 with every problem. Nothing is executed."""
+    """Check the files and words of submissions; exit 1 with the problems. Nothing is executed."""
     from minitouch_bench.leaderboard.submission import (
         check_submission,
         equal_checkpoints,

@@ -45,7 +45,7 @@ def submit(
     ] = None,
     learner: Annotated[
         str | None,
-        about_option("TEXT", "What learned, as 'PPO, CNN': rows of one learner are compared."),
+        about_option("TEXT", "What learned, as 'PPO, CNN'; the board shows it beside the row."),
     ] = None,
     method: Annotated[
         str | None, about_option("TEXT", "Name of the method; by default the training's, or NAME.")

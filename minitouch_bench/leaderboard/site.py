@@ -266,11 +266,12 @@ def _fresh(row: BoardRow) -> Table:
     return Table(
         title="Fresh episodes",
         corner=("Task", "Metric"),
-        columns=tables.make_columns("Official", f"Fresh, {FRESH_EPISODES} per task and training"),
+        columns=tables.make_columns("Official", "Fresh"),
         rows=tuple(rows),
         notes=(
-            "One joint test over tasks, trainings, suites and exploration: p = "
-            f"{row.drop_p:.2g} that an equally good policy drops as much.",
+            f"Fresh: {FRESH_EPISODES} episodes per task and training. One joint test over tasks, "
+            "trainings, suites and exploration: an equally good policy drops at least as much with "
+            f"probability {row.drop_p:.2g}.",
         ),
     )
 

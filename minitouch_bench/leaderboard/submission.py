@@ -164,7 +164,7 @@ def mistakes(submission: Submission) -> Iterator[str]:
     if submission.method.rstrip().lower().endswith("(paper)"):
         yield "a method that ends in '(paper)' is the paper's own row: choose another name"
     if submission.training_steps and not submission.learner:
-        yield "learner is missing, as in --learner 'PPO, CNN': rows of one learner are compared"
+        yield "learner is missing, as in --learner 'PPO, CNN'"
     seeds = [training.seed for training in submission.trainings]
     named = {"modalities": submission.modalities, "suites": submission.suites, "seeds": seeds}
     for what, words in named.items():
