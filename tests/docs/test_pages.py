@@ -66,6 +66,9 @@ def test_the_board_has_the_values_of_the_study_of_every_method():
     for row in rows:
         for task, metric in [*product(GOAL_TASKS, ["success", "exploration", "episode_steps"]),
                              ("playing", "touch_share")]:  # fmt: skip
+            if metric not in row["figures"][task]:  # sac does not explore
+                assert (row["name"], task, metric) not in studied.index
+                continue
             shown, value = row["figures"][task][metric], studied.loc[row["name"], task, metric]
             assert [shown[end] for end in ENDS] == pytest.approx([value[end] for end in ENDS])
 
