@@ -60,7 +60,7 @@ UNDECIDED, UNTESTED = "not decided", "not tested"
 
 VARIANTS = (
     "Five variants, each with eight training seeds, differ in their curiosity and in whether the "
-    "policy feels the finger forces (in Opening three of them):",
+    "policy feels the finger forces (Opening has those that feel them):",
     *table_lines(
         ["Variant", "Rewarded while exploring", "The policy feels the forces"],
         [
