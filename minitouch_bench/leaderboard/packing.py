@@ -72,16 +72,15 @@ def pack_trainings(directories: Sequence[str]) -> tuple[Checkpoints, dict[str, A
         raise UsageError(f"the trainings of a submission are alike but for their seeds; {unlike}")
     found: dict[int, dict[CheckpointFile, Path]] = {}
     for seed, of_seed in sorted(by_seed.items()):
-        places = {task: of_seed[task][0] for task in TASK_NAMES if task in of_seed}
+        in_order = {task: of_seed[task] for task in TASK_NAMES if task in of_seed}
         files_of = found[seed] = {}
         for role in Role:
-            for task, directory in places.items():
+            for task, (directory, config) in in_order.items():
                 path = directory / TRAINED[role]
-                # In Playing the exploration policy is the final one. One with other senses than the
-                # final policy's is another method's.
-                senses = of_seed[task][1].exploration.without, of_seed[task][1].without
-                explores = task in GOAL_TASKS and path.exists() and senses[0] == senses[1]
-                if role is Role.FINAL or explores:
+                # In Playing the exploration policy is the final one. An exploration policy with
+                # other senses than the final policy's is another method's.
+                is_own = config.exploration.without == config.without
+                if role is Role.FINAL or (task in GOAL_TASKS and is_own and path.exists()):
                     digest = parse_source(str(path)).digest
                     files_of[CheckpointFile(role, task, f"{task}{path.suffix}", digest)] = path
     return found, next(iter(told.values()))
