@@ -6,6 +6,7 @@ page extends ``base.html.j2`` and takes its tables, figures and cards from ``kit
 
 import base64
 import hashlib
+import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ from markupsafe import Markup
 from minitouch_bench.episode import Episode, Role
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
-from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL
 from minitouch_bench.reporting.charts import draw_plot, series_tone
 from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.labels import PAPER_METHODS, estimate_cell, paper_value, task_title
@@ -144,7 +145,11 @@ def make_card(
 
 
 def _label_with_unit(metric: str, task: str) -> str:
-    return f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
+    label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
+    if metric == "peak_force":
+        # a force of three components, each of which the touch vector clips
+        label += f" (sensor limit {math.sqrt(3) * PROTOCOL.task(task).force_limit:.0f})"
+    return label
 
 
 @dataclass(frozen=True)

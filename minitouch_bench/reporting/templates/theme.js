@@ -5,7 +5,7 @@
   const stored = () => { try { return localStorage.getItem("theme"); } catch { return null; } };
   const store = (theme) => { try { localStorage.setItem("theme", theme); } catch { /* a private window */ } };
   const shown = () => document.documentElement.dataset.theme || (wished.matches ? "dark" : "light");
-  const label = () => { button.textContent = shown() === "dark" ? "Light" : "Dark"; };
+  const label = () => { button.textContent = shown() === "dark" ? "Light theme" : "Dark theme"; };
   const theme = stored();
   if (theme === "dark" || theme === "light") document.documentElement.dataset.theme = theme;
   button.hidden = false;
