@@ -90,7 +90,7 @@ def metric_head(metric: str, task: str | None = None) -> str:
     """Name a metric with the arrow of its better direction, in one task or in all of them."""
     known = METRICS[metric]
     if task is None and known.task_directions:
-        arrows = (f"{arrow} in {name}" for name, arrow in known.task_directions.items())
+        arrows = (f"{arrow} in {task_title(name)}" for name, arrow in known.task_directions.items())
         return f"{known.label} ({', '.join(arrows)})"
     return f"{known.label} {known.direction_in(task or '')}".rstrip()
 

@@ -69,6 +69,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     tasks = [one for one in tasks if one.episodes]
     tested = [one for one in tasks if one.task in GOAL_TASKS]
     tests = judge_starts([(one.task, one.episodes) for one in tested])
+    how = _test_in_words(sum(test.bins > 0 for test in tests))
     sentences = {id(one): sentence(test) for one, test in zip(tested, tests, strict=True)}
     plots, levels = [], []
     for one in tasks:
@@ -80,12 +81,20 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
         "starts",
         "Where it succeeds and fails",
         f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes "
-        "and is divided by how they ended; a click on a dot shows its episode. Below a map: the "
-        "part of the starts whose success differs most from the rest, if one permutation test "
-        "over all parts finds a difference. p is adjusted for the "
-        f"{numbered(sum(test.bins > 0 for test in tests), 'map')} that are tested.",
+        f"and is divided by how they ended; a click on a dot shows its episode.{how}",
         tuple(plots),
         _in_order(levels),
+    )
+
+
+def _test_in_words(tested: int) -> str:
+    """Say how sentences below so many maps were found; "" for none."""
+    if not tested:
+        return ""
+    return (
+        " Below a map: the part of the starts whose success differs most from the rest, if one "
+        "permutation test over all parts finds a difference. p is adjusted for the "
+        f"{numbered(tested, 'map')} that are tested."
     )
 
 
