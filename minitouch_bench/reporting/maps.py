@@ -88,7 +88,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
 
 
 def _test_in_words(tested: int) -> str:
-    """Say how sentences below so many maps were found; "" for none."""
+    """Say how the sentences below ``tested`` maps were found; "" for 0 maps."""
     if not tested:
         return ""
     return (

@@ -147,7 +147,7 @@ def make_card(
 def _label_with_unit(metric: str, task: str) -> str:
     label = f"{METRICS[metric].label}, {METRICS[metric].unit_in(task)}"
     if metric == "peak_force":
-        # a force of three components, each of which the touch vector clips
+        # The touch vector clips each of the three components of a force.
         label += f" (sensor limit {math.sqrt(3) * PROTOCOL.task(task).force_limit:.0f})"
     return label
 
