@@ -92,9 +92,9 @@ NOTES = (
     "All variants share, seed by seed, the scenes of the training, the first weights and the first "
     "1,000 actions, and all play the same official episodes: the results are about these scenes.",
     "A variant without forces lacks them in both phases, but still senses where the hand is and "
-    "how far its fingers are open. `hac` and `rnd` differ in their whole curiosity, and in Pushing "
-    "RND [explores less than random actions](../notebook.md#is-the-learner-right): the last two "
-    "claims can also be confirmed because RND's curiosity is poor.",
+    "how far its fingers are open. `hac` and `rnd` differ in their whole curiosity. RND, "
+    "[whose learning rate was raised later](../notebook.md#keypoints), explores Pushing less than "
+    "random actions: a poor curiosity of RND can also confirm the last two claims.",
     "In the first 10,000 control steps of the task phase a penalty keeps the policy near the "
     "exploration policy, so poor exploration costs success too. Settings and lengths were chosen "
     "with `hac`.",
@@ -338,15 +338,15 @@ def answer(design: Mapping[str, Any], judged: pd.DataFrame, changes: pd.DataFram
     frozen = changes[(changes["method"] == "hac") & (changes["conditions"] == FROZEN)]
     falls = {row.task: f"{-row.value:.3f}" for row in frozen.itertuples()}
     return (
-        "1. **With HaC's curiosity about forces a robot learns to push and to lift; with RND's "
-        f"curiosity about images it seldom does**: mean success {learned.better_mean:.3f} and "
+        "1. **HaC, with its curiosity about forces, succeeds more in Pushing and Pick-up than RND, "
+        f"with its curiosity about images**: mean success {learned.better_mean:.3f} and "
         f"{learned.worse_mean:.3f} ({len(design['seeds'])} training seeds each, p "
         f"{_p_text(learned.p, '= ')}).\n"
         "2. **Feeling the forces while acting was not shown to help**: policies that feel them "
         f"succeed in {felt.better_mean:.3f} of the episodes, policies that do not in "
         f"{felt.worse_mean:.3f} (p {_p_text(felt.p, '= ')}).\n"
-        "3. **A finished policy that felt forces while it learned fails more often when they are "
-        f"frozen**: its success falls by {falls['pushing']} in Pushing and {falls['pick-up']} in "
+        "3. **HaC's finished policies fail more often when their forces are frozen**: success "
+        f"falls by {falls['pushing']} in Pushing and {falls['pick-up']} in "
         "Pick-up."
     )
 

@@ -157,7 +157,7 @@ StopAfter = Annotated[
     float | None,
     engine_option(
         "TIME",
-        "Stop after 90m, 5h or 30s, as soon as an episode ends; the same command continues.",
+        "Stop after 90m, 5h or 30s, as soon as an episode ends; what is finished is kept.",
         parser=seconds_of,
     ),
 ]
