@@ -49,8 +49,9 @@ class PhaseConfig:
     keypoints in the memory's images, before the first control step. A new actor and new critics,
     with layer norm, see the coordinates of these keypoints. With 0 the phase goes on with the
     networks of the exploration, which see features of the encoder of Table 3, trained by the
-    critics' loss; ``fitting_updates`` and ``prior_...`` then have no effect. ``fitting_updates``: gradient steps that
-    then fit the new actor to the exploration policy and the new critics to the memory.
+    critics' loss; ``fitting_updates`` and ``prior_...`` then have no effect. ``fitting_updates``:
+    gradient steps that then fit the new actor to the exploration policy and the new critics to the
+    memory.
     ``prior_weight``: weight of the divergence from the exploration policy, KL(policy, exploration
     policy), in the actor's loss, falling linearly to 0 within ``prior_steps`` control steps.
     ``without``: senses that actor and critics lack: ``touch``, ``forces`` or ``vision``. Each is
