@@ -149,13 +149,16 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     with os_errors_as(errors.RunDirectoryError, directory, "written"):
         directory.mkdir(parents=True, exist_ok=True)
         handle = _lock(lock, wait=wait)
-        for place in filter(is_folder, (directory, directory / VIDEOS, directory / REPLAYS)):
-            for partial in place.glob(PARTIAL_PATTERN):
-                partial.unlink(missing_ok=True)
     try:
+        with os_errors_as(errors.RunDirectoryError, directory, "written"):
+            for place in filter(is_folder, (directory, directory / VIDEOS, directory / REPLAYS)):
+                for partial in place.glob(PARTIAL_PATTERN):
+                    partial.unlink(missing_ok=True)
         yield
     finally:
-        lock.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # the directory may have been moved or removed
+            if os.path.samestat(os.fstat(handle), os.lstat(lock)):
+                lock.unlink()
         os.close(handle)
 
 

@@ -92,6 +92,22 @@ def test_a_lock_leaves_nothing_and_clears_what_a_killed_writer_left(tmp_path):
     assert not os.listdir(tmp_path / "videos")
 
 
+def test_a_lock_ends_where_a_part_cannot_be_removed_and_is_no_other_s(tmp_path):
+    (tmp_path / ".0123456789abcdef.partial").mkdir()
+    for _ in range(2):
+        with pytest.raises(RunDirectoryError, match="cannot be written"), lock_directory(tmp_path):
+            pass
+    held = tmp_path / "held"
+    with lock_directory(held):
+        held.rename(tmp_path / "moved")
+        with lock_directory(held):
+            assert (held / LOCK_FILE).exists()
+    with lock_directory(held):
+        (held / LOCK_FILE).unlink()
+        (held / LOCK_FILE).touch()
+    assert (held / LOCK_FILE).exists()
+
+
 def test_who_waited_at_a_removed_lock_does_not_hold_the_directory(tmp_path, monkeypatch):
     real, stale = os.open, []
 

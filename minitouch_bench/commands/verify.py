@@ -114,11 +114,11 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
     Raises:
         IncompleteCheckError: it is not there now, or not on this machine.
     """
-    from minitouch_bench.policies.sources import is_remote
+    from minitouch_bench.policies.sources import FACTORY_PATTERN, is_remote
 
     if recorded is None:
         return None
-    if is_remote(recorded.source) or recorded.kind == "factory":
+    if is_remote(recorded.source) or FACTORY_PATTERN.fullmatch(recorded.source):
         raise errors.IncompleteCheckError(
             f"the policy is {recorded.source}, which is contacted or run only if you name it.\n"
             f"If you trust it, give it with {option}"

@@ -114,7 +114,8 @@ def pack_policies(
         PolicyLoadError: there is no such policy.
     """
     seeds = seeds or range(len(policies))
-    if len({*seeds}) != len(policies) or len(explorations) not in (0, len(policies)):
+    counts = {len(seeds), len({*seeds}), len(explorations) or len(policies)}
+    if counts != {len(policies)}:
         raise UsageError(
             f"there are {len(policies)} policies, {len({*seeds})} different training seeds and "
             f"{len(explorations)} exploration policies: give one of each for every training"

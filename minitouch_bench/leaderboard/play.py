@@ -177,11 +177,15 @@ class Entry:
     def read(self, row: RowFacts | None = None) -> "PlayedRow":
         """Return the runs of the suites that ``row`` says are played; by default ``row.toml``.
 
+        None where a training of the submission has no draw, so was not played.
+
         Raises:
             RunDirectoryError: a file is missing or damaged, or a run is of other policies or rules.
         """
         row = row or self.read_row()
         played = [suite for suite in self.submission.suites if suite in row.played]
+        if not all(map(row.draw_for, self.submission.trainings)):
+            played = []  # a checkpoint was added or replaced since
         found: dict[bool, dict[str, list[Run]]] = {
             is_fresh: {suite: [] for suite in played} for is_fresh in (False, True)
         }
@@ -234,6 +238,8 @@ def play_row(
         row = _keep_draws(entry)
         wanted = suites or entry.submission.suites
         missing = [*_missing(entry, row, wanted, callbacks.note)]
+        lacking = {part.plan.suite for part in missing}
+        row = replace(row, played=tuple(suite for suite in row.played if suite not in lacking))
         waiting = ""
         try:
             for number, part in enumerate(missing, start=1):
@@ -256,9 +262,11 @@ def _with_played(entry: Entry, row: RowFacts) -> RowFacts:
     """Return a row with the suites that are finished by now, and the test for a drop over them."""
     suites = entry.submission.suites
     missing = {part.plan.suite for part in _missing(entry, row, suites, SILENT.note)}
-    row = replace(row, played=tuple(suite for suite in suites if suite not in missing))
-    now = entry.read(row)
-    return replace(row, drop_p=drop_p(now.official, now.fresh) if row.played else 1.0)
+    played = tuple(suite for suite in suites if suite not in missing)
+    if played == row.played:
+        return row
+    now = entry.read(replace(row, played=played))
+    return replace(row, played=played, drop_p=drop_p(now.official, now.fresh) if played else 1.0)
 
 
 def _keep_draws(entry: Entry) -> RowFacts:
@@ -327,7 +335,11 @@ def _play_part(
     with files.lock_directory(place):
         try:
             opened = open_run(header, place, resume=True)
-        except errors.RunDirectoryError:  # of a checkpoint that was replaced since
+        except errors.UnreadableFileError:
+            raise
+        except errors.RunDirectoryError as error:  # of a replaced checkpoint or other packages
+            why = str(error).partition("\n")[0].rstrip(".")
+            callbacks.note(f"{why}: it is played from the beginning")
             opened = open_run(header, place, fresh=True)
         run = play_run(setup, opened, engine, callbacks, how="")
     content = gzip.compress(run.content, mtime=0)

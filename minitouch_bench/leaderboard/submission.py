@@ -152,7 +152,9 @@ def check_submission(directory: Path) -> Iterator[str]:
         return
     if submission.name != directory.resolve().name:
         yield f"the name is '{submission.name}', the directory '{directory.resolve().name}'"
-    yield from mistakes(submission)
+    if found := [*mistakes(submission)]:
+        yield from found
+        return
     yield from _check_files(directory, submission)
 
 

@@ -187,6 +187,8 @@ def _time_plot(
         if result is None or not result.curve_episodes:
             continue
         reached, curves = result.curve_episodes, curves_of(result)
+        if {*map(len, curves)} != {len(reached)}:
+            continue  # an edited run, which no report should fail at
         longest, highest = max(longest, len(reached)), max(highest, *map(max, curves))
         least = max(FEW * reached[0], FEWEST if len(curves) > 1 else 0)
         for part, is_faint in _parts(reached, least):
@@ -234,7 +236,9 @@ def _peaks(episodes: Sequence[Episode]) -> dict[Ending, list[float]]:
     for episode in episodes:
         if episode.peak_force is not None:
             peaks.setdefault(ending_of(episode), []).append(episode.peak_force)
-    return {ending: peaks[ending] for ending in Ending if len(peaks.get(ending, ())) >= FEWEST}
+    return {
+        ending: peaks[ending] for ending in ENDING_NAMES if len(peaks.get(ending, ())) >= FEWEST
+    }
 
 
 def _peak_plot(task: str, panels: Mapping[str, Mapping[Ending, Sequence[float]]]) -> charts.Plot:

@@ -188,7 +188,7 @@ def check_same(asked: RunHeader, there: RunHeader, directory: Path) -> None:
 
 def _flat(header: RunHeader) -> dict[str, object]:
     values = {**vars(header), **vars(header.plan), **vars(header.plan.limits)}
-    del values["plan"], values["limits"]
+    del values["plan"], values["limits"], values["protocol_digest"]
     for name in ("policy", "exploration"):
         if values[name] is not None and values[name].digest:  # the same bytes, wherever they are
             values[name] = replace(values[name], source="")

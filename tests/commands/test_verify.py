@@ -73,9 +73,10 @@ def test_a_server_or_code_that_a_run_names_is_used_only_if_the_user_names_it(cop
         unnamed.refused(5, address, "only if you name it", "--policy")
         with pytest.raises(BlockingIOError):
             server.accept()
-    of_policy(copy, kind="factory", source="misbehaved:Still", notes=())
-    unnamed = run("verify", copy, "--rerun", 1, "--trust", directory=copy.parent)
-    unnamed.refused(5, "misbehaved:Still", "only if you name it", "--policy")
+    for kind in ("factory", "native"):
+        of_policy(copy, kind=kind, source="misbehaved:Still", digest="", notes=())
+        unnamed = run("verify", copy, "--rerun", 1, "--trust", directory=copy.parent)
+        unnamed.refused(5, "misbehaved:Still", "only if you name it", "--policy")
 
 
 def test_what_cannot_be_run_again_is_said_and_no_option_is_ignored(scripted, tmp_path):

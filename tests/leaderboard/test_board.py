@@ -262,6 +262,18 @@ def test_what_is_not_played_waits_with_its_command(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("before", "now", "content"), [((0,), (0,), b"others"), ((0, 1), (0, 1, 2), CHECKPOINT)]
+)
+def test_a_row_with_a_new_checkpoint_waits_until_it_is_played(tmp_path, before, now, content):
+    make_row(tmp_path, "other", 0.7)
+    make_row(tmp_path, "changed", 0.7, before)
+    make_submission(tmp_path / "submissions", "changed", now, content=content)
+    board = build(tmp_path)
+    assert [one.name for one in board.waiting] == ["changed"]
+    assert [row.name for row in board.rows] == ["other"]
+
+
+@pytest.mark.parametrize(
     ("spoil", "word"),
     [
         (lambda at: (at / "submissions/near/submission.toml").unlink(), "submission.toml"),

@@ -11,6 +11,7 @@ from minitouch_bench.errors import (
     InterruptedRunError,
     RunDirectoryError,
 )
+from minitouch_bench.evaluation import execution
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
@@ -156,6 +157,19 @@ def test_the_time_of_stop_after_ends_it_and_the_same_call_continues(entry):
     assert row.played == ("table4",)
     with lock_directory(entry.results), pytest.raises(RunDirectoryError, match="in use"):
         play(entry)
+
+
+def test_an_unfinished_run_that_cannot_be_continued_begins_again_and_that_is_said(
+    entry, monkeypatch
+):
+    with pytest.raises(InterruptedRunError):
+        play(entry, Count(2, interrupt).callbacks())
+    versions = execution.package_versions()
+    monkeypatch.setattr(execution, "package_versions", lambda: {**versions, "numpy": "0"})
+    count = Count()
+    play(entry, count.callbacks())
+    assert count.episodes == ALL
+    assert any("other packages" in note and "beginning" in note for note in count.notes)
 
 
 TWO = ("table4", "novel-shapes")

@@ -174,6 +174,13 @@ def add(directory, place, content=b""):
 FILE = "checkpoints/seed-0/final/hac.safetensors"
 
 
+def list_as_bin(directory):
+    words = directory / "submission.toml"
+    words.write_text(words.read_text().replace("hac.safetensors", "hac.bin"))
+    for path in directory.rglob("hac.safetensors"):
+        path.rename(path.with_suffix(".bin"))
+
+
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
@@ -186,6 +193,7 @@ FILE = "checkpoints/seed-0/final/hac.safetensors"
         (lambda at: os.mkfifo(at / "pipe"), "pipe"),
         (lambda at: (at / "submission.toml").unlink(), "submission.toml"),
         (lambda at: at.rename(at.with_name("other")), "directory"),
+        (list_as_bin, "not a checkpoint"),
     ],
 )
 def test_a_spoiled_directory_is_refused(submission, spoil, word):

@@ -5,6 +5,7 @@ import pytest
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import UsageError
 from minitouch_bench.perturbation import Perturbation
+from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.reporting.figures import check_figure, report_figures, steps_plot, write_figure
 from minitouch_bench.reporting.labels import MARK, PAPER_METHODS, describe_runs, tasks_in_order
 from minitouch_bench.reporting.report import TABLE_FORMATS, build_report, to_html
@@ -32,6 +33,15 @@ def test_true_forces_are_told_from_those_that_a_policy_was_given(hac):
     figures = [report_figures(describe_runs([run]), tasks_in_order([run])) for run in (hac, numb)]
     texts = [one.text for found in figures for one in found if one.key == "forces"]
     assert ["given others: hac-seed1" in text for text in texts] == [False, True]
+
+
+def test_a_run_whose_numbers_contradict_each_other_is_drawn_without_them(hac):
+    tasks = [replace(task, force_curve=(), touch_curve=()) for task in hac.summary.tasks]
+    untouched = [replace(row, touch_interaction=0.0, peak_force=9.0) for row in hac.rows]
+    assert {ending_of(row) for row in untouched} >= {Ending.NEVER_TOUCHED}
+    edited = replace(hac, summary=replace(hac.summary, tasks=tuple(tasks)), rows=tuple(untouched))
+    figures = report_figures(describe_runs([edited]), tasks_in_order([edited]))
+    assert {one.key for one in figures} >= {"episode-steps"}
 
 
 # A figure for a paper, drawn by the real matplotlib; and a report without the paper's values

@@ -56,6 +56,13 @@ def test_what_is_kept_is_read_in_the_order_of_the_plan(path):
     assert [record.spec for record in records.values()] == list(SPECS)
 
 
+def test_a_new_suite_of_the_protocol_stops_no_run_of_the_others(path):
+    header = replace(HEADER, protocol_digest="0" * 64)
+    assert Journal.resume(header, PACKAGES, path.parent).records.keys() == {*SPECS}
+    with pytest.raises(RunDirectoryError, match="official"):
+        Journal.resume(replace(header, official=not header.official), PACKAGES, path.parent)
+
+
 def test_a_cut_journal_loses_its_last_episode_and_no_later_one(journal, path):
     content = path.read_bytes()
     last = journal.records[SPECS[-1]]
