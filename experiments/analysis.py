@@ -1,4 +1,4 @@
-"""Make the tables and figures of an experiment from its CSV files: ``report.md``, ``claims.csv``.
+"""Make ``report.md`` and the figures of an experiment from its CSV files.
 
 The same files give the same bytes. Run ``python -m experiments.analysis`` for the stored studies,
 or name the design file and the directory of another experiment.
@@ -12,7 +12,6 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.claims import NOTES, judge_claims
 from experiments.figures import write_figures
 from experiments.grid import KEY, cells_of, check_lock, default_output, read_design
 from experiments.played import played_rows
@@ -44,7 +43,6 @@ TABLE4 = (*metrics_shown_in(ShownIn.TABLE4), "steps_to_success")
 RANKING = ("success", "touch_share")
 """What ranks a task: success, in Playing the touch share."""
 
-IN_PAPER = dict(zip(("hac", "rnd-touch", "rnd"), PAPER_METHODS, strict=True))
 ABSENT = "—"
 
 SEEDS_NOTE = (
@@ -63,13 +61,12 @@ CONDITIONS_NOTE = (
 
 @dataclass(frozen=True)
 class Results:
-    """What an experiment shows: its report, a row per claim and comparison, and all values.
+    """What an experiment shows: its report and all values.
 
     ``joined`` has a row per ``POINT`` with its estimate over training seeds.
     """
 
     report: str
-    judged: pd.DataFrame
     joined: pd.DataFrame
 
 
@@ -79,11 +76,9 @@ def stored_studies() -> list[Path]:
 
 
 def write_results(design: Mapping[str, Any], directory: Path) -> None:
-    """Write ``report.md``, ``claims.csv`` and the figures of an experiment into its directory."""
+    """Write ``report.md`` and the figures of an experiment into its directory."""
     results = analyze(design, directory)
     (directory / "report.md").write_text(results.report, encoding="utf-8")
-    if len(results.judged):
-        results.judged.to_csv(directory / "claims.csv", index=False)
     curves, episodes = (read_rows(directory, name) for name in ("curves", "episodes"))
     if len(curves):
         write_figures(results.joined, episodes, curves, directory / "figures")
@@ -110,20 +105,18 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
     estimates, episodes = (read_rows(directory, name) for name in ("estimates", "episodes"))
     changes = changes_of(episodes)
     joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
-    judged = judge_claims(design.get("claims", []), _claimed_values(design, estimates))
     state = f"{len(estimates[KEY].drop_duplicates())} of {len(cells_of(design))} trainings"
     title = design.get("title", f"Study {directory.resolve().name}")
     lines = [f"# {title}", "", f"{state} are done and evaluated."]
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
     for section in (
-        _claims(design, judged),
         _over_seeds("Table 4", joined, "table4", TABLE4, learned_seeds(estimates)),
         _over_seeds("Novel shapes", joined, "novel-shapes", gaps, {}),
         _training_seeds(estimates),
         _conditions(joined, episodes),
     ):
         lines += section
-    return Results("\n".join(lines) + "\n", judged, joined)
+    return Results("\n".join(lines) + "\n", joined)
 
 
 def _is_shown(metric: str) -> bool:
@@ -155,20 +148,6 @@ def changes_of(episodes: pd.DataFrame) -> pd.DataFrame:
         named = (*cell, "table4", conditions, f"success{CHANGE}")
         rows.append((*named, *astuple(tango(*count_discordance(*pair)))))
     return pd.DataFrame(rows, columns=[*KEY, "suite", "conditions", "metric", *ESTIMATE])
-
-
-def _claimed_values(design: Mapping[str, Any], estimates: pd.DataFrame) -> pd.DataFrame:
-    """Return the values of the methods of which every seed is finished, at the longest exploration.
-
-    The others have none until then, so that no claim is judged early.
-    """
-    main = estimates[(estimates["suite"] == "table4") & (estimates["conditions"] == "")]
-    longest: dict[str, int] = {}
-    for cell in cells_of(design):
-        longest[cell.task] = max(cell.exploration_steps, longest.get(cell.task, 0))
-    main = main[main["exploration_steps"] == main["task"].map(longest)]
-    of_method = main.groupby(["task", "method"])["training_seed"]
-    return main[of_method.transform("nunique") == len(design["seeds"])]
 
 
 # Tables
@@ -323,55 +302,6 @@ def silent_note(episodes: pd.DataFrame) -> Iterator[str]:
         "feels at a reset alone (a finger in free air reads 1.0 N). Share of the control steps in "
         f"which this is so: {', '.join(f'`{method}` {share:.2f}' for method, share in shares)}."
     )
-
-
-def _claims(design: Mapping[str, Any], judged: pd.DataFrame) -> Iterator[str]:
-    """Yield the table of the claims: the means, those of the paper, and the verdict."""
-    if judged.empty:
-        return
-    rows = []
-    for number, claim in enumerate(design["claims"], 1):
-        group = judged[judged["claim"] == number]
-        metric, first = claim["metric"], group.iloc[0]
-        is_against = first["verdict"] == "contradicted"
-        p = first["p_reversed_adjusted" if is_against else "p_adjusted"]
-        is_whole = group[["better_values", "worse_values"]].map(len).to_numpy().all()
-        detectable = first["detectable"]
-        rows.append(
-            [
-                f"{', '.join(map(task_title, claim['tasks']))}: {METRICS[metric].label.lower()}",
-                f"{claim['better']} \\> {', '.join(claim['worse'])}",
-                _means(metric, group) if is_whole else ABSENT,
-                _papers(claim),
-                ABSENT if pd.isna(detectable) else value_text(metric, detectable),
-                f"{p:.3f}" if p >= 0.001 else "< 0.001",
-                first["verdict"] if is_whole else "waiting for trainings",
-            ]
-        )  # fmt: skip
-    yield from ("", "## Claims")
-    heads = ("Task", "Claim", "Means over seeds", "The paper", "Detectable", "p", "Verdict")
-    yield from table_lines(heads, rows, 4)
-    yield from _notes(*NOTES)
-
-
-def _means(metric: str, group: pd.DataFrame) -> str:
-    """Write the means over seeds of the better method and of each worse one, task by task."""
-    tasks = []
-    for _, rows in group.groupby("task", sort=False):
-        values = [rows["better_values"].iloc[0], *rows["worse_values"]]
-        tasks.append(", ".join(value_text(metric, sum(one) / len(one)) for one in values))
-    return "; ".join(tasks)
-
-
-def _papers(claim: Mapping[str, Any]) -> str:
-    """Write what the paper printed of the claim's methods, in our unit."""
-    texts = []
-    for task in claim["tasks"]:
-        names = (IN_PAPER.get(method, "") for method in (claim["better"], *claim["worse"]))
-        cells = [paper_cell(task, claim["metric"], name) if name else None for name in names]
-        values = [cell.text if cell and cell.sort_key is not None else ABSENT for cell in cells]
-        texts.append(", ".join(values))
-    return ABSENT if {*"".join(texts)} <= {*f"{ABSENT}, "} else "; ".join(texts)
 
 
 def main() -> None:
