@@ -112,11 +112,16 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keyp
     torch.testing.assert_close(policy(image, touch), torch.tanh(trained), atol=2e-3, rtol=0)
     if keypoints:
         return  # its batches have keypoints in place of the images
-    surprised = [
-        learner.curiosity.errors(replace(learner._batch(memory), next_image=picture)).surprise
-        for picture in (torch.zeros(4, 1, 84, 84), torch.full((4, 1, 84, 84), 255.0))
-    ]
-    assert not torch.equal(*surprised)  # the curiosity has every sense
+    batch = learner._batch(memory)
+    other = {"next_image": 255.0 - batch.next_image, "next_touch": batch.next_touch.clone()}
+    if sense == "vision":
+        del other["next_touch"]
+    else:
+        del other["next_image"]
+        other["next_touch"][:, SENSED_TOUCH[sense]] += 1.0
+    with torch.no_grad():
+        errors = [learner.curiosity.errors(one) for one in (batch, replace(batch, **other))]
+    assert not torch.equal(*(one.surprise for one in errors))  # the curiosity has every sense
 
 
 def test_a_blind_task_phase_stays_near_an_exploration_policy_that_sees(monkeypatch):

@@ -72,7 +72,7 @@ def start(*arguments: object, directory: Path) -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str]) -> Finished:
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=250)
     return Finished(process.returncode, out, err)
 
 
@@ -84,7 +84,7 @@ def wait_for_records(run: Path, count: int, process: subprocess.Popen[str]) -> N
         assert process.poll() is None
         return journal.exists() and journal.read_bytes().count(b"\n") >= count
 
-    wait_until(is_kept, 60)
+    wait_until(is_kept, 250)
 
 
 def same_results(one: Path, other: Path) -> None:

@@ -157,6 +157,17 @@ def test_a_mistake_is_refused_and_makes_no_directory(tmp_path, words, code, word
     assert set(os.listdir(tmp_path)) == {"busy", "cut.zip", "file.pt"}
 
 
+def test_a_run_that_is_stopped_keeps_its_episodes_and_is_continued(scripted, tmp_path):
+    evaluate = (*SCRIPTED, "--output", "run")
+    stopped = run(*evaluate, "--stop-after", "0.01s", directory=tmp_path)
+    assert stopped.code == 5
+    assert "--stop-after" in stopped.err
+    assert "--resume" in stopped.err
+    assert len((tmp_path / "run" / JOURNAL_FILE).read_bytes().splitlines()) > 1
+    succeed(*evaluate, "--resume", directory=tmp_path)
+    same_results(tmp_path / "run", scripted[1])
+
+
 def test_a_directory_that_holds_a_run_is_not_touched(scripted):
     _, directory = scripted
     before = {path.name: path.read_bytes() for path in directory.iterdir()}

@@ -56,7 +56,7 @@ def test_a_fault_is_no_end_of_the_task(tmp_path):
 def test_a_recording_that_is_stopped_leaves_nothing(tmp_path, stop):
     command = ("record", "random", "opening", "--episodes", 1000, "--output", "log")
     process = start(*command, directory=tmp_path)
-    wait_until(lambda: list(tmp_path.glob(".log.unfinished/log/*")), 60)
+    wait_until(lambda: list(tmp_path.glob(".log.unfinished/log/*")), 250)
     process.send_signal(stop)
     done = finish(process)
     assert (done.code, done.out) == (130, "")

@@ -21,6 +21,7 @@ from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
 from tests.evaluation import runs
+from tests.evaluation.misbehaved import Still
 
 SPECS = {spec.task: spec for spec in make_plan("smoke").specs()}
 
@@ -89,14 +90,6 @@ def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error, acts):
     assert record.fault == str(error)
     assert record.trace.actions.shape == (acts, 4)
     assert record.trace.touch.shape == (acts + 1, 11)
-
-
-class Still:
-    def reset(self, seed, task):
-        pass
-
-    def act(self, observation):
-        return np.zeros(4, np.float32)
 
 
 def test_an_episode_waits_for_its_server_and_the_machine_is_at_fault_if_it_stays_away(monkeypatch):

@@ -261,6 +261,19 @@ def test_what_is_not_played_waits_with_its_command(tmp_path):
     assert "leaderboard play new" in (tmp_path / "board" / "index.html").read_text()
 
 
+def test_the_suite_dark_has_a_table_and_ranks_of_its_own(tmp_path):
+    make_row(tmp_path, "feels", 0.8, suites=("dark",))
+    make_row(tmp_path, "guesses", 0.2, suites=("table4", "dark"))
+    board = build(tmp_path)
+    (dark,) = (view for view in views(board) if view.title == "Dark")
+    assert [(line.name, str(line.rank)) for line in dark.lines] == [
+        ("feels", "1"),
+        ("guesses", "2"),
+    ]
+    (overall,) = (view for view in views(board) if view.title == "Overall")
+    assert [line.name for line in overall.lines if line.rank] == ["guesses"]
+
+
 @pytest.mark.parametrize(
     ("before", "now", "content"), [((0,), (0,), b"others"), ((0, 1), (0, 1, 2), CHECKPOINT)]
 )

@@ -24,7 +24,7 @@ ABOUT = {"name": "hac", "training_steps": 1000, "learner": "SAC"}
 def working(tmp_path, monkeypatch):
     """A working directory with two policies."""
     monkeypatch.chdir(tmp_path)
-    for number in range(3):
+    for number in range(2):
         write_policy(Path(f"policy-{number}.safetensors"), number)
     return tmp_path
 
@@ -167,21 +167,6 @@ def test_a_folder_or_a_link_that_is_there_is_never_replaced(working):
     with pytest.raises(RunDirectoryError, match="cleared"):
         submit(POLICY, **ABOUT)
     assert Path(POLICY[0]).exists()
-
-
-@pytest.mark.usefixtures("no_trial")
-def test_a_reference_to_the_hub_is_kept_in_place_of_the_file(working, monkeypatch):
-    """The library is replaced: its cache holds the file of the commit."""
-    commit = "ab" * 20
-    fetched = (
-        working / POLICY[0],
-        packing.parse_hub_address(f"hf://user/repo/x.safetensors@{commit}"),
-    )
-    monkeypatch.setattr("minitouch_bench.policies.sources.fetch_hub_file", lambda *_, **__: fetched)
-    submit(["hf://user/repo/x.safetensors"], **ABOUT)
-    (file,) = told().trainings[0].checkpoints
-    assert file.address == f"hf://user/repo@{commit}/x.safetensors"
-    assert not list(Path("submissions").rglob("*.safetensors"))
 
 
 KILLING = ("rename", "replace", "mkdir", "rmdir", "unlink")

@@ -1,7 +1,6 @@
 """The site as a reader meets it: in a real browser, and as text for what a browser hides."""
 
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from minitouch_bench.leaderboard.ranking import BOARD_TASKS, OVERALL
 from minitouch_bench.leaderboard.site import BOARD_FILE, build_board
 from tests.leaderboard.browser import Browser
 from tests.leaderboard.synthetic import ABOUT, NOON, make_row, make_submission
+from tests.process_tree import wait_until
 from tests.reporting.html_page import Page
 
 HOSTILE = "</script><script>alert(1)</script>\u202e=cmd()"
@@ -130,9 +130,13 @@ def test_the_policy_of_the_page_stops_an_injected_script(browser, board):
         "const s = document.createElement('script'); s.textContent = 'window.hit = 2';"
         "document.body.append(s)"
     )
-    time.sleep(0.3)
+
+    def is_told():
+        browser.run("0")  # reads what the browser said meanwhile
+        return sum("Content Security Policy" in line for line in browser.messages) >= 2
+
+    wait_until(is_told, 60)
     assert browser.run("window.hit") is None
-    assert any("Content Security Policy" in line for line in browser.messages)
 
 
 # As text

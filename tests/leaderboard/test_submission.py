@@ -9,9 +9,11 @@ import jsonschema
 import pytest
 import tomli_w
 
-from benchmarks.schemas import board_schema, submission_schema
+import minitouch_bench as mt
+from benchmarks.schemas import board_schema, run_schema, submission_schema
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import UsageError
+from minitouch_bench.files import PACKED_RUN_FILE
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.submission import (
     check_submission,
@@ -19,7 +21,9 @@ from minitouch_bench.leaderboard.submission import (
     mistakes,
     read_submission,
 )
+from minitouch_bench.machine import machine_facts
 from minitouch_bench.policies.sources import CheckpointFile, SubmittedTraining
+from minitouch_bench.runs.run import read_run
 from tests.altered import DOCS, ROOT
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
@@ -38,11 +42,11 @@ WHOLE = replace(ABOUT, trainings=TRAININGS)
 
 
 @pytest.mark.parametrize(
-    ("name", "schema_of"), [("submission", submission_schema), ("leaderboard", board_schema)]
+    ("name", "schema_of"),
+    [("submission", submission_schema), ("leaderboard", board_schema), ("run", run_schema)],
 )
 def test_the_published_schemas_are_those_of_the_types(name, schema_of):
-    published = json.loads((DOCS / f"{name}.schema.json").read_text("utf-8"))
-    assert published == schema_of(), "run `make schemas`"
+    assert schema(f"{name}.schema.json").schema == schema_of(), "run `make schemas`"
 
 
 def schema(name: str) -> jsonschema.Draft202012Validator:
@@ -211,6 +215,17 @@ def test_a_checkpoint_that_another_submission_has_is_named(submission):
         (sentence,) = equal_checkpoints(submission.parent, one)
         assert sentence.startswith("1 of ")
         assert f"also in {other}," in sentence
+
+
+def test_a_stored_checkpoint_plays_the_episodes_of_its_row():
+    """Rows keep no actions: the checkpoints give them again."""
+    place = "hac/seed-30"
+    row = read_run(ROOT / "reports" / "results" / place / "table4" / PACKED_RUN_FILE)
+    if machine_facts()["processor"] != row.environment.machine["processor"]:
+        pytest.skip("a network has the same bits on one model of processor only")
+    policy = ROOT / "submissions" / place
+    again = mt.evaluate(policy, suite="table4", episodes_from="opening/0")
+    assert again.rows[0].digest == row.find("opening/0")[1].digest
 
 
 @pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)

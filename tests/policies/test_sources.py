@@ -5,7 +5,6 @@ import pytest
 
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import PolicyLoadError
-from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies.sources import parse_source
 
 
@@ -40,11 +39,6 @@ def test_a_files_suffix_names_its_format(tmp_path, suffix, kind):
     identity = parse_source(str(path)).identity()
     assert (identity.name, identity.kind, identity.source) == ("mine", kind, str(path))
     assert identity.digest == hashlib.sha256(b"weights").hexdigest()
-
-
-def test_a_factory_needs_trust():
-    with pytest.raises(PolicyLoadError, match="--trust"):
-        try_policy(parse_source("package.module:attribute"), ["pushing"])
 
 
 def test_a_directory_has_one_file_a_task(folder):

@@ -78,7 +78,7 @@ def test_a_damaged_manifest_is_refused(
         load_shape_set(small_set)
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(30, func_only=True)
 def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> None:
     (small_set / "shapes.bin").unlink()
     os.mkfifo(small_set / "shapes.bin")

@@ -52,7 +52,7 @@ from tests.leaderboard.synthetic import make_submission
 from tests.reporting.synthetic import make_record
 from tests.verification.conftest import verify_run
 
-TIME_LIMIT_S = 20
+TIME_LIMIT_S = 120
 MEMORY_LIMIT = GIB
 SECRET = "words of the user that nobody else may see"
 REQUEST = PolicySetup(Plan("table4", ("pushing", "opening"), 2, 0), parse_source("random"))

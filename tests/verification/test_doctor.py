@@ -1,7 +1,7 @@
 import pytest
 
 from minitouch_bench.evaluation.rollout import EpisodeRunner
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL, TASK_NAMES
+from minitouch_bench.protocol.minitouch import TASK_NAMES
 from minitouch_bench.verification import doctor
 from minitouch_bench.verification.doctor import golden_bits, recorded, trial_episodes
 
@@ -18,11 +18,7 @@ def test_the_trial_has_contact_and_every_task():
 
 @pytest.mark.parametrize("task", TASK_NAMES)
 def test_the_golden_episode_is_as_recorded(task):
-    golden = recorded()[task]
-    assert golden.task_digest == PROTOCOL.task_digest(task, MAIN_SUITE), (
-        "a value of the protocol changed: record the golden digests again"
-    )
-    assert golden_bits(task) == golden.bits, "simulation changed: raise the task's revision"
+    assert golden_bits(task) == recorded()[task], "simulation changed: raise the task's revision"
 
 
 @pytest.mark.parametrize(

@@ -126,6 +126,7 @@ def test_processor_time_is_limited_too(scripts, tmp_path, monkeypatch):
     (child,) = descendants(scripts._host.process.pid)
     assert resource.prlimit(child, resource.RLIMIT_CPU)[0] == LIMITS.cpu_s
     resource.prlimit(child, resource.RLIMIT_CPU, (1, resource.RLIM_INFINITY))
+    monkeypatch.setattr(scripts, "_limits", PolicyLimits(act_timeout_s=120.0))
     with pytest.raises(PolicyExitError, match=signal.SIGXCPU.name):
         scripts.act(zero_observation())
 

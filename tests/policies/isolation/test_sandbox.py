@@ -43,12 +43,16 @@ def test_the_sandbox_holds_on_this_machine():
     assert made.abi == kernel.supported_abi() > 0
 
 
+STAND_INS = {"start a program": lambda _: None, "trace another process": lambda _: None}
+"""In place of escapes that would end the child, or stop this process."""
+
+
 @pytest.mark.parametrize("deed", sandbox.ESCAPES)
 def test_a_sandbox_that_does_not_hold_is_found_out(monkeypatch, deed):
     made = sandbox.prepare(*ROOMY)
     monkeypatch.setattr(sandbox.kernel, "install_filter", lambda program: None)
     monkeypatch.setattr(kernel, "restrict_self", lambda ruleset, abi: None)
-    monkeypatch.setattr(sandbox, "ESCAPES", {deed: lambda _: None})
+    monkeypatch.setattr(sandbox, "ESCAPES", {deed: STAND_INS.get(deed, sandbox.ESCAPES[deed])})
     with pytest.raises(IsolationError, match=f"a process in it can {deed}"):
         sandbox.check_holds(made)
     os.close(made.ruleset)
