@@ -16,6 +16,8 @@ PIP    := PYTHONWARNINGS=ignore $(BIN)/python $(QUIET) --no-compile --constraint
 # scipy and pandas again, which takes it seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
+.NOTPARALLEL: # two runs of pip in one environment break it
+
 .PHONY: evaluate test test-wheel prove regress leaderboard check format bench schemas reference \
   pictures submission-tools clean
 
@@ -90,7 +92,7 @@ reference: $(DEV)
 pictures: $(DEV)
 	$(BIN)/python -m benchmarks.pictures
 
-# What .github/workflows/submission.yml and proof.yml need to run every format of policy.
+# What .github/workflows/submission.yml and play.yml need to run every format of policy.
 submission-tools: $(READY)
 	$(PIP) --editable '.[hub,onnx,sb3]'
 

@@ -8,7 +8,8 @@
 ``check`` takes ``submissions/NAME/`` from the clone, checks it with this environment's program, and
 plays the suite ``smoke`` with the checkpoints of its first training. The change may be in one
 submission's directory and nowhere else. It writes ``result.json`` and ``output.txt`` for
-``post_report.py``. ``play`` plays the rows of the submissions that changed in this clone.
+``post_report.py``. ``play`` plays the rows of the submissions that changed in this clone, into
+``played/``; what was played of them before is kept.
 """
 
 import argparse
@@ -53,10 +54,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.action == "play":
         sound = [name for name in present if NAME.fullmatch(name)]
         if not sound:
-            print("no submission changed: nothing to play")
-            return 0
-        command = (*COMMAND, "leaderboard", "play", *sound, "--stop-after", given.stop_after)
-        return run(command, given.clone)[0]
+            print(f"nothing to play: no submission {given.name or 'changed'}")
+            return 2 if given.name else 0
+        for name in sound:
+            before, row = (given.clone / place / name for place in ("reports/results", "played"))
+            if before.is_dir() and not row.exists():
+                shutil.copytree(before, row)
+        options = ("--results", "played", "--stop-after", given.stop_after)
+        return run((*COMMAND, "leaderboard", "play", *sound, *options), given.clone)[0]
     given.output.mkdir(parents=True, exist_ok=True)
     if other or len(names) != 1 or not present:
         named = ", ".join(map(repr, [*names, *other][:10])) or "no file of a submission"

@@ -169,16 +169,17 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
     return pages.render_page(
         BOARD_TEMPLATES / "submission.html.j2",
         STYLESHEETS,
-        ("theme.js", "episodes.js"),
+        ("theme.js", *(["episodes.js"] if main else [])),
         protocol=PROTOCOL.name,
         row=row,
         facts=COLUMN_SPECS,
         submission=played.submission,
         draws=played.draws(),
         runs=[run for runs in played.official.values() for run in runs],
-        path=path,
         checkpoint=policy,
-        rank=f"{ranks[OVERALL]} of {len(board.ranked)}" if OVERALL in ranks else "",
+        rank=f"{ranks[OVERALL]} of {sum(OVERALL in one.ranks for one in board.ranked)}"
+        if OVERALL in ranks
+        else "",
         why=[
             (_title(key), ranks[key], board_tables.explain_rank(board, row, key))
             for key in RANKED_BY

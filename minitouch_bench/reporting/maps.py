@@ -71,6 +71,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     tests = judge_starts([(one.task, one.episodes) for one in tested])
     how = _test_in_words(sum(test.bins > 0 for test in tests))
     sentences = {id(one): sentence(test) for one, test in zip(tested, tests, strict=True)}
+    click = "; a click on a dot shows its episode" if any(one.source for one in tasks) else ""
     plots, levels = [], []
     for one in tasks:
         placed = [(episode, _level(episode)) for episode in one.episodes]
@@ -81,7 +82,7 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
         "starts",
         "Where it succeeds and fails",
         f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes "
-        f"and is divided by how they ended; a click on a dot shows its episode.{how}",
+        f"and is divided by how they ended{click}.{how}",
         tuple(plots),
         _in_order(levels),
     )

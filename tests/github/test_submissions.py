@@ -123,6 +123,8 @@ def test_a_change_of_more_than_one_submission_is_not_checked(script, clone, file
 def test_after_a_merge_every_changed_submission_is_played(script, clone, capsys):
     base = commit(clone, submissions__old__code="")
     head = commit(clone, submissions__one__code="", submissions__two__code="", README="")
+    (clone / "reports" / "results" / "one").mkdir(parents=True)
+    (clone / "reports" / "results" / "one" / "row.toml").write_text("draws = []")
 
     def play(*options):
         capsys.readouterr()
@@ -134,7 +136,8 @@ def test_after_a_merge_every_changed_submission_is_played(script, clone, capsys)
         (("--base", "0" * 40, "--head", head), "old one two"),
         (("--name", "one"), "one"),
     ):
-        assert play(*options) == (0, [f"leaderboard play {names} --stop-after 5h"])
-    assert play("--name", "../one") == (0, ["no submission changed: nothing to play"])
+        assert play(*options) == (0, [f"leaderboard play {names} --results played --stop-after 5h"])
+    assert (clone / "played" / "one" / "row.toml").read_text() == "draws = []"
+    assert play("--name", "../one") == (2, ["nothing to play: no submission ../one"])
     commit(clone, submissions__slow__code="")
     assert play("--name", "slow")[0] == 5

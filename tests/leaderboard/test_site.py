@@ -68,6 +68,15 @@ def test_the_board_opens_without_a_complaint_and_loads_nothing_else(browser, boa
     ]
 
 
+def test_the_page_of_a_row_in_the_dark_alone_promises_nothing_it_lacks(browser, tmp_path):
+    make_row(tmp_path, "blind", 0.8, suites=("dark",))
+    build_board(tmp_path / "submissions", tmp_path / "board", tmp_path / "results")
+    browser.open(tmp_path / "board" / "submission" / "blind.html")
+    assert browser.messages == []
+    assert browser.run("document.querySelector('.episode-section')") is None
+    assert "evaluate submissions/blind/seed-0 --suite dark" in text(browser, "#facts ~ dl")
+
+
 def test_columns_are_sorted_by_hand_and_by_keyboard(index):
     training = "#overall th:nth-last-child(2)"  # before the day of play
     index.click(f"{training} .sort")

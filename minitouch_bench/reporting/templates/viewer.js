@@ -235,8 +235,11 @@
     const step = stepAt(time);
     goTo(step < steps && times[step + 1] - time < time - times[step] ? step + 1 : step);
   };
-  place.addEventListener("pointerdown", (event) => { place.setPointerCapture(event.pointerId); point(event); });
-  place.addEventListener("pointermove", (event) => { if (event.buttons) point(event); });
+  // A finger may be about to scroll: it points by a tap.
+  const drags = (event) => event.buttons && event.pointerType !== "touch";
+  place.addEventListener("pointerdown", (event) => { if (drags(event)) { place.setPointerCapture(event.pointerId); point(event); } });
+  place.addEventListener("pointermove", (event) => { if (drags(event)) point(event); });
+  place.addEventListener("click", point);
   document.addEventListener("keydown", (event) => {
     if (event.target === speed || event.ctrlKey || event.metaKey || event.altKey) return;
     const by = event.shiftKey ? 10 : 1;
