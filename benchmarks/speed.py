@@ -4,7 +4,6 @@ The bare limit replays the same joint targets in the same world and calls nothin
 ``stepSimulation``: what is left is the cost of observing, steering and counting.
 """
 
-import os
 import statistics
 import subprocess
 import sys
@@ -21,6 +20,7 @@ import minitouch_bench as mt
 from minitouch_bench.simulation.client import pybullet
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.tasks.task import TASK_CLASSES
+from tests.process_tree import descendants
 
 RESETS = 30
 EPISODES = 3
@@ -136,22 +136,8 @@ def measure_workers(console: Console) -> None:
 
 def tree_memory(root: int) -> int:
     """Return the proportional set size (bytes) of a process and all below it."""
-    parents: dict[int, int] = {}
-    for entry in os.listdir("/proc"):
-        if entry.isdecimal():
-            try:
-                stat = Path(f"/proc/{entry}/stat").read_text()
-            except OSError:
-                continue
-            parents[int(entry)] = int(stat.rpartition(")")[2].split()[1])
-    family = {root}
-    while True:
-        more = {pid for pid, parent in parents.items() if parent in family} - family
-        if not more:
-            break
-        family |= more
     total = 0
-    for pid in family:
+    for pid in (root, *descendants(root)):
         try:
             lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
         except OSError:

@@ -6,6 +6,7 @@ import pytest
 
 from minitouch_bench.runs.run import read_run
 from tests.process_tree import run_python
+from tests.test_layers import MODULES
 
 WITHOUT = """
 import ctypes, os, platform, socket
@@ -53,7 +54,7 @@ def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp
 
 
 def test_everything_is_imported():
-    names = ("api", "commands.train", "verification.doctor")
-    imports = "\n".join(f"import minitouch_bench.{name}" for name in names)
+    names = (path.removesuffix(".py").replace("/", ".") for path in MODULES)
+    imports = "\n".join(f"import minitouch_bench.{name}" for name in names if name[0] != "_")
     # torch here is a build for Linux, and loads its libraries by the system's name.
     run_python("-c", f"import torch\n{WITHOUT}\n{imports}")

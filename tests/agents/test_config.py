@@ -4,12 +4,15 @@ import tomllib
 from dataclasses import replace
 
 import pytest
+import torch
+from torch import nn
 
 from minitouch_bench.agents.config import (
     PRESETS,
     PhaseConfig,
     make_config,
 )
+from minitouch_bench.agents.sac import Sac
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml
 from tests.altered import ROOT
@@ -91,6 +94,13 @@ def test_the_paper_preset_is_table_2():
         assert phase.reward_scale == 100
     assert (config.sac.batch_size, config.sac.discount) == (128, 0.99)
     assert config.replay_size == 10**6
+    sac = Sac(config.sac, action_size=4)
+    sac.begin_phase(config.task_phase)
+    assert {type(one) for one in sac.optimizers.values()} == {torch.optim.Adam}
+    hidden = [(nn.Linear, 128), (nn.LeakyReLU, 0)] * 2
+    critic = sac.critics.first[:-1]  # the last layer gives the value
+    for layers in (sac.actor.trunk, critic):
+        assert [(type(one), getattr(one, "out_features", 0)) for one in layers] == hidden
 
 
 def test_a_task_phase_that_has_not_begun_can_have_other_senses():

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import sys
-import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +19,7 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import pack_source
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.formats import KIND_BY_SUFFIX
+from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.policies.sources import parse_source
@@ -35,14 +35,11 @@ pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path 
 
 
 @pytest.fixture(scope="module")
-def script(tmp_path_factory) -> Path:
-    """A TorchScript actor for every task."""
-    path = tmp_path_factory.mktemp("script") / "actor.pt"
+def checkpoint(tmp_path_factory) -> Path:
+    """An actor for every task."""
+    path = tmp_path_factory.mktemp("checkpoint") / "actor.safetensors"
     torch.manual_seed(5)
-    example = (torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        torch.jit.trace(TouchActor(action_size=5).eval(), example).save(path)
+    save_native(TouchActor(action_size=5), path)
     return path
 
 
@@ -61,9 +58,9 @@ def cluster(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", ["scripted", "random", "script"])
-def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, script, tmp_path, policy):
-    wanted = request(str(script) if policy == "script" else policy, TASK_NAMES, 2)
+@pytest.mark.parametrize("policy", ["scripted", "random", "checkpoint"])
+def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, checkpoint, tmp_path, policy):
+    wanted = request(str(checkpoint) if policy == "checkpoint" else policy, TASK_NAMES, 2)
     here = run(wanted, tmp_path / "here", workers=1)
     with engine_at(cluster) as engine:
         assert engine.workers == 2

@@ -1,10 +1,12 @@
 """Real episodes, filmed in the real simulator, and looked at in a real browser."""
 
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
@@ -15,6 +17,7 @@ from minitouch_bench.verification.filming import (
     film_run,
     film_to_files,
     show_episode,
+    write_video,
 )
 from tests.evaluation.runs import request, run
 
@@ -172,3 +175,31 @@ def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):
     ]  # fmt: skip
     assert len(filmed) == 6
     assert "filming 6 episodes" in said[0]
+
+
+# Videos
+
+
+@pytest.fixture(scope="module")
+def film(scripted):
+    """The first three steps of a pick-up."""
+    spec, _ = scripted.find(KEY)
+    return film_episode(Recording({spec: scripted.actions_of(KEY)[:3]}, scripted.plan), spec)
+
+
+def test_an_mp4_has_every_picture(film, tmp_path):
+    pytest.importorskip("imageio.v2")
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    path = tmp_path / "videos" / "pick-up-0.mp4"
+    write_video(film, path)
+    # Not by imageio's reader: it leaves its pipes open where ffmpeg ends before it is closed.
+    decode = [ffmpeg, "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(decode, capture_output=True, check=True).stdout
+    frames = np.frombuffer(raw, np.uint8).reshape(-1, 240, 240, 3)
+    assert len(frames) == 4
+
+
+def test_a_gif_needs_no_extra_and_has_the_same_pictures(film, tmp_path):
+    write_video(film, tmp_path / "video.gif")
+    with Image.open(tmp_path / "video.gif") as picture:
+        assert (picture.n_frames, picture.size) == (4, (240, 240))

@@ -3,12 +3,27 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import LocalEngine
-from minitouch_bench.files import JOURNAL_FILE
+from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.static_check import Problem, compare_values
-from tests.altered import edit_actions, edit_document, nudge, swap
+from tests.altered import edit_document
 from tests.evaluation.runs import Here
 from tests.verification.conftest import verify_run
+
+
+def swap(actions):
+    actions["opening/0"], actions["opening/1"] = actions["opening/1"], actions["opening/0"]
+
+
+def nudge(actions):
+    actions["opening/1"][3, 0] = np.nextafter(actions["opening/1"][3, 0], np.float32(0))
+
+
+def edit_actions(run, change):
+    with np.load(run / ACTIONS_FILE) as archive:
+        actions = dict(archive)
+    change(actions)
+    np.savez_compressed(run / ACTIONS_FILE, **actions)
 
 
 def places(directory):
@@ -55,11 +70,11 @@ def test_no_figure_of_an_episode_can_be_edited(copy, name, value):
 
 
 def test_the_last_bit_counts(copy):
-    def nudge(document):
+    def move(document):
         row = document["episodes"][1]
         row["object_movement"] = float(np.nextafter(row["object_movement"], 1))
 
-    edit_document(copy / "run.json", nudge)
+    edit_document(copy / "run.json", move)
     assert places(copy) == ["pushing/1"]
 
 
