@@ -177,7 +177,7 @@ class Entry:
     def read(self, row: RowFacts | None = None) -> "PlayedRow":
         """Return the runs of the suites that ``row`` says are played; by default ``row.toml``.
 
-        None where a training of the submission has no draw, so was not played.
+        No suite where a checkpoint of the submission was added or replaced since.
 
         Raises:
             RunDirectoryError: a file is missing or damaged, or a run is of other policies or rules.
@@ -185,7 +185,7 @@ class Entry:
         row = row or self.read_row()
         played = [suite for suite in self.submission.suites if suite in row.played]
         if not all(map(row.draw_for, self.submission.trainings)):
-            played = []  # a checkpoint was added or replaced since
+            played = []
         found: dict[bool, dict[str, list[Run]]] = {
             is_fresh: {suite: [] for suite in played} for is_fresh in (False, True)
         }

@@ -166,6 +166,7 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
     policy = row.name if row.is_calibration else f"{path}/seed-{row.training_seeds[0]}"
     ranks = {key: f"rank {rank}" for key, rank in row.ranks.items()}
     main = played.official.get(MAIN_SUITE, ())
+    rivals = sum(OVERALL in one.ranks for one in board.ranked)
     return pages.render_page(
         BOARD_TEMPLATES / "submission.html.j2",
         STYLESHEETS,
@@ -177,9 +178,7 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
         draws=played.draws(),
         runs=[run for runs in played.official.values() for run in runs],
         checkpoint=policy,
-        rank=f"{ranks[OVERALL]} of {sum(OVERALL in one.ranks for one in board.ranked)}"
-        if OVERALL in ranks
-        else "",
+        rank=f"{ranks[OVERALL]} of {rivals}" if OVERALL in ranks else "",
         why=[
             (_title(key), ranks[key], board_tables.explain_rank(board, row, key))
             for key in RANKED_BY
