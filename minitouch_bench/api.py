@@ -309,8 +309,7 @@ def train(
 
     Returns the training's directory, which ``evaluate`` takes as a policy. ``settings`` change the
     preset's, nested as in the TOML file: ``{"task_phase": {"steps": 80_000}}``. ``progress``: as in
-    ``evaluate``. The other options
-    are those of the command line.
+    ``evaluate``. The other options are those of the command line.
 
     Raises:
         MiniTouchError: what is wrong and what to do; see ``minitouch_bench.errors``.

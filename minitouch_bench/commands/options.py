@@ -125,7 +125,7 @@ timeout_option = partial(isolation_option, "S", min=0.01, max=MAX_TIMEOUT_S)
 POLICIES = (
     f"{', '.join(BUILT_IN)}, a checkpoint ({' '.join(KIND_BY_SUFFIX)}), a directory with one "
     "file per task or a LeRobot checkpoint, package.module:attribute, http://..., or "
-    "hf://USER/REPO/FILE@REVISION"
+    "hf://USER/REPO@REVISION/FILE"
 )
 OBJECTS = "cube, shapes (train, held-out or all), or the folder of a shape set"
 ENGINE_PLACES = "; ".join(f"{name}: {where}" for name, where in ENGINES.items()) + "."

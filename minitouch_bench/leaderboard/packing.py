@@ -23,10 +23,8 @@ from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptio
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
     CONFIG_FILE,
-    HUB,
     TRAINED,
     CheckpointFile,
-    parse_hub_address,
     parse_source,
     read_checkpoint,
 )
@@ -139,12 +137,9 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
                 f"{source.name} is not a checkpoint: a row is played from files (see "
                 "docs/reference/formats.md), which a maintainer can run in the sandbox"
             )
-        path, address = Path(part.target), ""
-        if part.address:
-            hub = parse_hub_address(part.address)
-            path, address = Path(hub.file), f"{HUB}{hub.repository}@{hub.revision}/{hub.file}"
+        path = Path(part.address or part.target)
         name = f"{task}{lerobot.SUFFIX}" if Path(part.target).is_dir() else path.name
-        yield CheckpointFile(role, task, name, part.digest, address), path
+        yield CheckpointFile(role, task, name, part.digest, part.address), path
 
 
 def pack_submission(

@@ -52,7 +52,7 @@ MAX_MEMBERS = 10_000
 
 SERVERS = ("http://", "https://")
 HUB = "hf://"
-HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)(?:@([^/@]+))?/([^@]+)(?:@(.+))?")
+HUB_ADDRESS = re.compile(r"hf://([\w.-]+/[\w.-]+)(?:@(refs/pr/\d+|[^/@]+))?/([^@]+)")
 COMMIT = re.compile("[0-9a-f]{40}")
 
 ALL_TASKS = "all"
@@ -366,22 +366,22 @@ class HubFile:
     revision: str
 
     def __str__(self) -> str:
-        return f"{HUB}{self.repository}/{self.file}@{self.revision}"
+        return f"{HUB}{self.repository}@{self.revision}/{self.file}"
 
 
 def parse_hub_address(text: str) -> HubFile:
-    """Read an address, the revision behind its file or its repository; by default ``main``.
+    """Read an address; the revision is ``main`` by default.
 
     Raises:
         PolicyLoadError: it is no such address.
     """
     match = HUB_ADDRESS.fullmatch(text)
     parts = f"{match[1]}/{match[3]}".split("/") if match else [""]
-    if match is None or {"", ".", ".."} & {*parts} or (match[2] and match[4]):
+    if match is None or {"", ".", ".."} & {*parts}:
         raise PolicyLoadError(
-            f"'{text}' is not a file on the Hub; write hf://USER/REPO/FILE@REVISION"
+            f"'{text}' is not a file on the Hub; write hf://USER/REPO@REVISION/FILE"
         )
-    return HubFile(match[1], match[3], match[2] or match[4] or "main")
+    return HubFile(match[1], match[3], match[2] or "main")
 
 
 def fetch_hub_file(asked: HubFile) -> tuple[Path, HubFile]:

@@ -1,4 +1,4 @@
-"""The protocol ``minitouch-v1``: tasks and suites, one frozen value; limits of policies; seeds.
+"""The protocol ``minitouch-v1``: tasks and suites, one frozen value; seeds.
 
 Letters: T text of the paper, R the released package, D ours; ``docs/reference/protocol.md`` gives
 the fact behind every R and the reason of every D. A change here changes episodes: then

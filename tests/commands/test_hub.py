@@ -75,17 +75,24 @@ def hub(tmp_path, monkeypatch):
 
 
 def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub, tmp_path):
-    succeed("evaluate", f"{ADDRESS}@v1", *ONE, "--output", "run", directory=tmp_path)
+    succeed(
+        "evaluate",
+        ADDRESS.replace("touch", "touch@v1"),
+        *ONE,
+        "--output",
+        "run",
+        directory=tmp_path,
+    )
     text = (tmp_path / "run" / "run.json").read_text()
     policy = json.loads(text)["header"]["policy"]
-    assert policy["source"] == f"{ADDRESS}@{COMMIT}"
+    assert policy["source"] == REFERENCE
     assert policy["digest"] == hashlib.sha256(hub.content).hexdigest()
     assert policy["kind"] == "native"
     assert str(tmp_path) not in text
-    assert f"evaluate {ADDRESS}@{COMMIT}" in (tmp_path / "run" / "report.html").read_text()
+    assert f"evaluate {REFERENCE}" in (tmp_path / "run" / "report.html").read_text()
     asked = list(hub.asked)
     unnamed = run("verify", "run", "--rerun", 1, directory=tmp_path)
-    unnamed.refused(5, f"{ADDRESS}@{COMMIT}", "only if you name it", "--policy")
+    unnamed.refused(5, REFERENCE, "only if you name it", "--policy")
     assert hub.asked == asked
     named = ("--rerun", 1, "--policy", policy["source"])
     succeed("verify", "run", *named, directory=tmp_path)
@@ -133,16 +140,16 @@ def test_a_file_that_is_too_large_or_missing_is_not_fetched(hub, tmp_path):
     done = run("evaluate", ADDRESS, *ONE, directory=tmp_path)
     done.refused(3, "1000000000000 bytes", "too large")
     assert sum("/resolve/" in path for path in hub.asked) == 1
-    done = run("evaluate", f"{ADDRESS}@v2", *ONE, directory=tmp_path)
+    done = run("evaluate", ADDRESS.replace("touch", "touch@v2"), *ONE, directory=tmp_path)
     done.refused(3, "@v2", "cannot be fetched")
 
 
 def test_addresses():
     assert parse_hub_address("hf://a/b/c/d.onnx") == HubFile("a/b", "c/d.onnx", "main")
-    assert str(parse_hub_address("hf://a/b/c.pt@refs/pr/1")) == "hf://a/b/c.pt@refs/pr/1"
-    assert str(parse_hub_address(REFERENCE)) == f"{ADDRESS}@{COMMIT}"
-    for wrong in ("hf://a/b/../../../x.onnx", "hf://a/b", "hf://a/b@v1/c.pt@v2", "hf://a b/c/d.pt"):
-        with pytest.raises(PolicyLoadError, match="hf://USER/REPO/FILE"):
+    assert parse_hub_address("hf://a/b@refs/pr/1/c.pt") == HubFile("a/b", "c.pt", "refs/pr/1")
+    assert str(parse_hub_address(REFERENCE)) == REFERENCE
+    for wrong in ("hf://a/b/../../../x.onnx", "hf://a/b", "hf://a/b/c.pt@v2", "hf://a b/c/d.pt"):
+        with pytest.raises(PolicyLoadError, match="hf://USER/REPO@REVISION/FILE"):
             parse_hub_address(wrong)
 
 

@@ -189,16 +189,6 @@ def test_playing_is_judged_by_its_touch_share_unless_a_task_has_a_goal(tmp_path)
     assert "replay" in judged(with_actions(lost, tmp_path), baseline=make_saved(base)).next_command
 
 
-@pytest.mark.parametrize("explored", [0, 1])
-def test_exploration_that_one_run_lacks_does_not_decide_and_is_left_out(explored):
-    runs = [BASELINE, replace(BASELINE, name="again")]
-    runs[explored] = replace(runs[explored], exploration_rows=BASELINE.rows)
-    result = judged(runs[1], baseline=runs[0])
-    assert result.decision is Decision.NO_REGRESSION
-    assert {one.effect.metric for one in result.per_task} == {"success", "episode_steps"}
-    assert any("exploration is left out" in note for note in result.notes)
-
-
 def test_another_metric_can_decide():
     goal = values(flags(N, N), np.full(N, 40))
     rng = np.random.default_rng(0)
