@@ -40,8 +40,8 @@ GAP, CHANGE = ", held-out minus train", ", change"
 
 TABLE4 = (*metrics_shown_in(ShownIn.TABLE4), "steps_to_success")
 """Table 4, and the steps of successful episodes: its episode steps count a failure as 200."""
-RANKING = ("success", "touch_share")
-"""What ranks a task: success, in Playing the touch share."""
+COMPARED = ("success", "touch_share", "episode_steps")
+"""What Figure 11 compares between train shapes and held-out ones."""
 
 ABSENT = "—"
 
@@ -107,7 +107,11 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
     joined = join_seeds(pd.concat([estimates[estimates["metric"].map(_is_shown)], changes]))
     state = f"{len(estimates[KEY].drop_duplicates())} of {len(cells_of(design))} trainings"
     title = design.get("title", f"Study {directory.resolve().name}")
-    lines = [f"# {title}", "", f"{state} are done and evaluated."]
+    lines = [
+        f"# {title}",
+        "",
+        f"{state} are done and evaluated. {design.get('about', '')}".rstrip(),
+    ]
     gaps = [name for name in dict.fromkeys(joined["metric"]) if name.endswith(GAP)]
     for section in (
         _over_seeds("Table 4", joined, "table4", TABLE4, learned_seeds(estimates)),
@@ -121,7 +125,7 @@ def analyze(design: Mapping[str, Any], directory: Path) -> Results:
 
 def _is_shown(metric: str) -> bool:
     name, _, split = metric.partition(", ")
-    return metric in TABLE4 or metric.endswith(GAP) or (bool(split) and name in RANKING)
+    return metric in TABLE4 or metric.endswith(GAP) or (bool(split) and name in COMPARED)
 
 
 def join_seeds(estimates: pd.DataFrame) -> pd.DataFrame:
@@ -181,7 +185,8 @@ def _notes(*notes: str) -> list[str]:
 
 PICTURES = {
     "curves": "Learning curves: means over training seeds with their 95 % intervals",
-    "movement": "Touch share and object movement at the end of exploration, a dot per training",
+    "movement": "Touch share and object movement at the end of exploration: a dot per training, "
+    "crosses of means over training seeds with their 95 % intervals",
     "lengths": "Each length of exploration",
     "novel-shapes": "Train shapes and held-out shapes",
     "conditions": "The standard and the other conditions",

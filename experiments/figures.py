@@ -65,7 +65,7 @@ def write_figures(
         "curves": (_learning_curves, _parts(_with_success(curves))),
         "movement": (_movement, _parts(_exploring(episodes))),
         "lengths": (_lengths, _by_metric(standard[several])),
-        "novel-shapes": (_novel_shapes, _parts(novel)),
+        "novel-shapes": (_novel_shapes, _by_metric(novel)),
         "conditions": (_conditions, _parts(main[ranks & is_changed])),
     }
     with mpl.rc_context(SAME_BYTES):
@@ -81,9 +81,9 @@ def _parts(frame: pd.DataFrame) -> list[pd.DataFrame]:
 
 def _by_metric(frame: pd.DataFrame) -> list[pd.DataFrame]:
     """Return the rows of what ranks each task, and of its episode steps."""
-    ranks = frame["metric"] == frame["task"].map(ranking_metric)
-    shown = frame[ranks | (frame["metric"] == "episode_steps")]
-    return [part for _, part in shown.groupby(["task", "metric"], sort=False)]
+    metric = frame["metric"].str.split(",").str[0]  # of "success, held-out"
+    is_shown = (metric == frame["task"].map(ranking_metric)) | (metric == "episode_steps")
+    return [part for _, part in frame[is_shown].groupby(["task", metric], sort=False)]
 
 
 def _write(
@@ -148,12 +148,16 @@ def _exploring(episodes: pd.DataFrame) -> pd.DataFrame:
 
 
 def _movement(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
-    """Draw a dot per training: touching more is not yet moving more (the paper's Figure 9)."""
+    """Draw a dot per training, and means over seeds (the paper's Figure 9)."""
+    task, columns = part["task"].iloc[0], ("touch_share", "object_movement")
     for method, rows in part.groupby("method", sort=False):
         color, mark = styles[method]
-        dots = (rows["touch_share"], rows["object_movement"])
-        axes.plot(*dots, mark, color=color, alpha=0.8, markersize=4)
-    unit = METRICS["object_movement"].unit_in(part["task"].iloc[0])
+        axes.plot(*(rows[one] for one in columns), mark, color=color, alpha=0.8, markersize=4)
+        if len(rows) > 1:
+            x, y = (student_mean([*rows[one]], METRICS[one].range_in(task)) for one in columns)
+            axes.hlines(y.value, x.low, x.high, color=color, linewidth=0.8)
+            axes.vlines(x.value, y.low, y.high, color=color, linewidth=0.8)
+    unit = METRICS["object_movement"].unit_in(task)
     axes.set(xlim=SHARE, xlabel=METRICS["touch_share"].label, ylabel=f"Object movement, {unit}")
 
 
@@ -162,14 +166,18 @@ def _lengths(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
     for method, rows in part.groupby("method", sort=False):
         ordered = rows.sort_values("exploration_steps")
         _with_intervals(axes, ordered["exploration_steps"], ordered, styles[method], line="-")
-    metric = METRICS[part["metric"].iloc[0]]
-    axes.set(xlabel="Steps of exploration", ylabel=metric.label, xlim=(0, None))
-    axes.set_ylim(SHARE if metric.is_fraction else (0, 200))
+    metric = part["metric"].iloc[0]
+    axes.set(xlabel="Steps of exploration", ylabel=METRICS[metric].label, xlim=(0, None))
+    axes.set_ylim(_ends_of(metric))
+
+
+def _ends_of(metric: str) -> tuple[float, float]:
+    return SHARE if METRICS[metric].is_fraction else (0, 200)
 
 
 def _novel_shapes(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
     """Draw each method on train shapes (hollow) and held-out ones (the paper's Figure 11)."""
-    metric = ranking_metric(part["task"].iloc[0])
+    metric = part["metric"].iloc[0].partition(",")[0]
     methods = [*dict.fromkeys(part["method"])]
     for place, method in enumerate(methods):
         of_method = part[part["method"] == method]
@@ -177,7 +185,8 @@ def _novel_shapes(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
             rows = of_method[of_method["metric"] == f"{metric}, {split}"]
             _with_intervals(axes, [place + at] * len(rows), rows, styles[method], fill=fill)
     axes.set_xticks(range(len(methods)), methods)
-    axes.set(ylim=SHARE, ylabel=METRICS[metric].label, xlabel="hollow: train; filled: held-out")
+    axes.set(ylabel=METRICS[metric].label, xlabel="hollow: train; filled: held-out")
+    axes.set_ylim(_ends_of(metric))
 
 
 def _conditions(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:

@@ -169,7 +169,7 @@ def evaluate(
             directory = default_directory(header)
         locked = files.lock_directory(directory) if directory else nullcontext()
         with opening as running, locked:
-            if directory and resume and not files.holds_run(directory):
+            if directory and resume and not (fresh or files.holds_run(directory)):
                 told.note(f"no run to resume in {directory}: starting a new one")
             opened = open_run(header, directory, resume=resume, fresh=fresh)
             run = play_run(setup, opened, running, told)

@@ -190,7 +190,9 @@ def parse_perturbation(without: Sequence[str], changes: Sequence[str]) -> Pertur
             possible = f" or {spelled}={ranges}" if is_range else ""
             what = f"'{change}' is no condition; write {spelled}=2{possible}"
             raise UsageError(what) from None
+    # Msgspec omits a default where it is the same object, not where it is equal.
+    unusual = {name: value for name, value in values.items() if value != getattr(UNPERTURBED, name)}
     try:
-        return Perturbation(without=ordered, **values)  # type: ignore[arg-type]
+        return Perturbation(without=ordered, **unusual)  # type: ignore[arg-type]
     except ValueError as error:
         raise UsageError(str(error)) from error

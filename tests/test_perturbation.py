@@ -1,3 +1,4 @@
+import msgspec
 import numpy as np
 import pytest
 
@@ -43,6 +44,12 @@ def test_conditions_are_read_as_they_are_typed():
 def test_what_means_nothing_is_refused(without, changes, says):
     with pytest.raises(UsageError, match=says):
         parse_perturbation(without, changes)
+
+
+def test_what_is_as_usual_is_not_written():
+    changes = ["mass=1", "friction=1:1", "camera=0", "delay=0", "grip=1", "noise=0", "light=0"]
+    found = parse_perturbation([], changes)
+    assert msgspec.json.encode(found) == b'{"light":[0.0,0.0]}'
 
 
 def test_the_options_read_back_as_the_same_bits():

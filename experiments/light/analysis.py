@@ -1,7 +1,6 @@
 """What is each sense worth in Opening, light on and off? Claims paired by training seed.
 
-The same rows give the same bytes: ``python -m experiments.light.analysis``. Before there are rows,
-it prints the power of the claims, simulated from the trials that the design lists.
+The same rows give the same bytes: ``python -m experiments.light.analysis``.
 """
 
 import sys
@@ -34,10 +33,6 @@ UNIT = 1e-6
 
 SIMULATED = 2_000
 """Studies in which a power is counted."""
-
-FAILED = (0.0, 0.25, 0.5)
-"""Shares of explorations that find no opening, for each of which the power is simulated; in the
-trials of today's scale of forces two of four found none."""
 
 EARLY_SUCCESS, TABLE4, DARK = "early success", "table4", "dark"
 
@@ -189,8 +184,8 @@ class LightResults:
 
 def analyze_light(design: Mapping[str, Any], directory: Path) -> LightResults:
     """Make the results of the study from its rows."""
-    check_explorations(directory)
     values = values_of(design, directory)
+    check_explorations(directory)
     judged = judge_paired(design["paired"], values).round(12)
     lines = [
         "# What is each sense worth, light on and off?",
@@ -250,9 +245,10 @@ def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:
         for claim, row in zip(design["paired"], judged.itertuples(), strict=True)
     ]
     heads = ["Claim", "Policies", "Means over seeds", "Difference", "Seeds larger, smaller", "p"]
+    power = design["power"]
     powers = "; ".join(
-        f"{failed:.0%}: " + ", ".join(f"{one:.2f}" for one in power_of(design, failed))
-        for failed in FAILED
+        f"{failed:.0%}: " + ", ".join(f"{one:.2f}" for one in claims)
+        for failed, claims in zip(power["failed_explorations"], power["claims"], strict=True)
     )
     return [
         "## Claims",
@@ -316,13 +312,8 @@ def draw_curves(design: Mapping[str, Any], directory: Path) -> None:
 
 
 def main() -> None:
-    """Write the page and the figure of the study, or print its power while there are no rows."""
+    """Write the page and the figure of the study."""
     design, directory = read_design(DESIGN), DESIGN.parent
-    if not (directory / "trainings.csv").exists():
-        for failed in FAILED:
-            shares = ", ".join(f"{one:.2f}" for one in power_of(design, failed))
-            print(f"{failed:.0%} of explorations fail: power {shares}")
-        return
     check_lock(design, directory)
     results = analyze_light(design, directory)
     (directory / "light.md").write_text(results.page, encoding="utf-8")

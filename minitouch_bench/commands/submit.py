@@ -80,6 +80,8 @@ def submit(
     from minitouch_bench.leaderboard import packing, submission
     from minitouch_bench.policies.sources import SubmittedTraining
 
+    if isolation == Isolation.NONE:
+        raise errors.UsageError("submit plays a policy in the sandbox, or with --isolation process")
     isolated = isolation_options(isolation, trust=False)
     for_suites, senses = words(suites), words(modalities)
     _refuse_unknown("--suites", for_suites, submission.SUITES)

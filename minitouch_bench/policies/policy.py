@@ -22,7 +22,7 @@ from minitouch_bench.errors import (
     UsageError,
 )
 from minitouch_bench.machine import look_up, require
-from minitouch_bench.policies.formats import FORMATS, KIND_BY_SUFFIX
+from minitouch_bench.policies.formats import FORMATS
 from minitouch_bench.protocol.limits import USUAL_LIMITS, PolicyLimits
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.text import MAX_TEXT, describe, plain_line
@@ -109,8 +109,10 @@ class PolicySource:
             return self
         part = dict(self.parts).get(task)
         if part is None:
-            names = ", ".join(f"{task}{suffix}" for suffix in KIND_BY_SUFFIX)
-            raise PolicyLoadError(f"{self.target} has no policy for the task '{task}': add {names}")
+            raise PolicyLoadError(
+                f"{self.target} has no policy for the task '{task}': add one, such as "
+                f"{task}.safetensors, or leave the task out"
+            )
         return replace(part, deterministic=self.deterministic)
 
     @property

@@ -382,7 +382,7 @@ def read_run(directory: Path) -> Run:
             content = files.unpack(content)
     except zlib.error as error:
         raise RunDirectoryError(f"{file} is damaged: {error}") from error
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         if (file.parent / files.JOURNAL_FILE).exists():
             what = "contains an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():

@@ -22,7 +22,14 @@ from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
 from minitouch_bench.shapegen import solids, soundness
 from minitouch_bench.shapegen.body_codec import body_files, digest, encode, obj_text, quantized
-from minitouch_bench.shapegen.generate import BUILD, Progress, entry_of, weighed, write_set
+from minitouch_bench.shapegen.generate import (
+    BUILD,
+    Progress,
+    entry_of,
+    refuse_others,
+    weighed,
+    write_set,
+)
 from minitouch_bench.shapegen.geometry import Mesh, in_body_frame, rest_poses, solid_moments
 from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
@@ -142,7 +149,7 @@ def _check_output(folder: Path, *, fresh: bool) -> None:
     """Check that a set may be written.
 
     Raises:
-        RunDirectoryError: there is a set that may not be replaced.
+        RunDirectoryError: there is a set that may not be replaced, or other files.
     """
     if (folder / MANIFEST).exists():
         if not fresh:
@@ -152,6 +159,8 @@ def _check_output(folder: Path, *, fresh: bool) -> None:
             )
         if "imported" not in load_shape_set(folder).document:
             raise RunDirectoryError(f"{folder} contains a set that was not imported: it is kept")
+    else:
+        refuse_others(folder)
 
 
 def _import_all(

@@ -14,7 +14,13 @@ import numpy as np
 from msgspec import to_builtins
 
 from minitouch_bench.errors import InfrastructureError, RunDirectoryError
-from minitouch_bench.files import lock_directory, os_errors_as, replace_file
+from minitouch_bench.files import (
+    damage_as,
+    entries_of,
+    lock_directory,
+    os_errors_as,
+    replace_file,
+)
 from minitouch_bench.machine import installed_versions
 from minitouch_bench.processes import run_in_workers
 from minitouch_bench.protocol.spec import content_digest
@@ -44,7 +50,7 @@ def generate(
     After an interruption the same call makes the shapes that are missing.
 
     Raises:
-        RunDirectoryError: another generator works in the folder, or it holds a set.
+        RunDirectoryError: another generator works in the folder, or it holds a set or other files.
         InfrastructureError: the disk is full, or a worker failed.
     """
     name = f"minitouch-{count}" + (f"-seed-{root}" if root else "")
@@ -53,6 +59,7 @@ def generate(
     with lock_directory(folder):
         if (folder / MANIFEST).exists():
             raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
+        refuse_others(folder)
         partial = folder / PARTIAL
         made = made_before(partial, {**header, "versions": versions(), "count": count})
         tasks = [(root, index) for index in range(count) if index not in made]
@@ -75,24 +82,39 @@ def generate(
     return content_digest(document)
 
 
+def refuse_others(folder: Path) -> None:
+    """Refuse a folder with files that a set does not have.
+
+    Raises:
+        RunDirectoryError: it has some.
+    """
+    if others := {*entries_of(folder)} - {PARTIAL, PACK}:
+        raise RunDirectoryError(
+            f"{folder} is not empty and does not contain a set: {min(others)!a}; choose another "
+            "--output"
+        )
+
+
 def made_before(partial: Path, plan: Mapping[str, Any]) -> dict[int, tuple[dict[str, Any], bytes]]:
     """Return the entries and records by number that a generation has finished; begin a new one.
 
     Raises:
-        RunDirectoryError: it was begun with other settings.
+        RunDirectoryError: it was begun with other settings, or is damaged.
         InfrastructureError: the folder cannot be written.
     """
     head = json.dumps(plan, sort_keys=True).encode() + b"\n"
     found = partial.read_bytes().splitlines(keepends=True) if partial.exists() else [head]
-    if found[0] != head:
+    if found[:1] != [head]:
         raise RunDirectoryError(
             f"{partial} was begun with other settings; delete it or choose another --output"
         )
     whole = [line for line in found if line.endswith(b"\n")]  # a kill can cut the last one
     with os_errors_as(InfrastructureError, partial, "written"):
         replace_file(partial, b"".join(whole))
-    shapes = (json.loads(line) for line in whole[1:])
-    return {index: (entry, base64.b64decode(record)) for index, entry, record in shapes}
+    hint = "is damaged; delete it or choose another --output"
+    with damage_as(RunDirectoryError, f"{partial} {hint}"):
+        shapes = [json.loads(line) for line in whole[1:]]
+        return {index: (entry, base64.b64decode(record)) for index, entry, record in shapes}
 
 
 def versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ from typing import Any, NoReturn, SupportsFloat
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle, RecordConstructorArgs
 from numpy.typing import NDArray
 
@@ -98,6 +99,7 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.action_space = spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
         # Gymnasium has no type for a Dict space whose samples are plain dicts.
         self.observation_space = observation_space(spec.force_limit)  # type: ignore[assignment]
+        self._steps = -1  # before the first reset
         self.client = PhysicsClient()
         self._kinematics = PandaKinematics(spec.arm.posture)
         self._camera = GrayCamera(spec.camera)
@@ -143,7 +145,10 @@ class MiniTouchEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         Raises:
             InvalidActionError: wrong shape or kind, NaN or infinite; the world is untouched,
                 which matters because one NaN would spoil it for good.
+            ResetNeeded: before the first reset, also of an unpickled environment.
         """
+        if self._steps < 0:
+            raise ResetNeeded("reset the environment before its first step")
         given = fit_action(action, self.task.spec.action_size)
         applied = np.clip(given, -1.0, 1.0)
         workspace = self.task.spec.workspace

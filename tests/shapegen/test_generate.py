@@ -52,6 +52,25 @@ def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.Monkey
         generate(folder, 8, 0, 1)
 
 
+@pytest.mark.usefixtures("_instant")
+def test_damaged_work_and_other_files_are_refused(tmp_path: Path) -> None:
+    for number, content in enumerate((b"", b'HEAD{"index": 1}\n', b"HEAD\x80\n")):
+        folder = tmp_path / str(number)
+        with pytest.raises(OSError, match="full"):
+            generate(folder, 8, 0, 1, _full)
+        partial = folder / PARTIAL
+        partial.write_bytes(content.replace(b"HEAD", partial.read_bytes()))
+        with pytest.raises(RunDirectoryError, match="delete it or choose"):
+            generate(folder, 8, 0, 1)
+    (tmp_path / "run" / "videos").mkdir(parents=True)
+    with pytest.raises(RunDirectoryError, match="not empty"):
+        generate(tmp_path / "run", 8, 0, 1)
+
+
+def _full(*_: object) -> None:
+    raise OSError("full")
+
+
 @pytest.mark.slow
 def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
     one = generate(tmp_path / "1", 24, 0, 1)

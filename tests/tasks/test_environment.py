@@ -80,6 +80,10 @@ def test_a_step_or_a_picture_before_the_first_reset_says_so():
         environment.step(zero(environment))
     with pytest.raises(ResetNeeded):
         environment.render()
+    environment.reset(seed=0)
+    again = pickle.loads(pickle.dumps(environment))
+    with pytest.raises(ResetNeeded):
+        again.step(zero(environment))
 
 
 def test_a_closed_environment_is_not_used_again():
