@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch  # noqa: F401  torch.jit.trace never returns if coacd is imported first
 
 from minitouch_bench.shapegen.generate import write_set
 from minitouch_bench.shapegen.manifest import canonical_shape_set
