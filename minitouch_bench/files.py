@@ -17,7 +17,7 @@ import re
 import secrets
 import stat
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -88,6 +88,16 @@ def entries_of(directory: Path) -> list[str]:
     with os_errors_as(errors.RunDirectoryError, directory, "read"), suppress(FileNotFoundError):
         return sorted(name for name in os.listdir(directory) if name != LOCK_FILE)
     return []
+
+
+def refuse_entries(directory: Path, entries: Iterable[str], advice: str) -> None:
+    """Refuse a directory with such ``entries``, which a command would mix with its own.
+
+    Raises:
+        RunDirectoryError: there is one; ``advice`` says what to do.
+    """
+    if found := sorted(entries):
+        raise errors.RunDirectoryError(f"{directory} is not empty: {found[0]!a}.\n{advice}")
 
 
 def clear_run(directory: Path) -> None:

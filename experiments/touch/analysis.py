@@ -99,9 +99,9 @@ NOTES = (
     "In the first 10,000 control steps of the task phase a penalty keeps the policy near the "
     "exploration policy, so poor exploration costs success too. Settings and lengths were chosen "
     "with `hac` on training seeds 100 to 103.",
-    "The design, which names the claims, was locked before the first training. The program of the "
-    "tests was written before; it is not part of the locked file, nor is the power. No test was "
-    "changed. [What was added "
+    "The design, which names the claims, was locked before the first training. The tests were "
+    "written before that and not changed; neither they nor their power are in the locked file. "
+    "[What was added "
     "later](../notebook.md#the-study-of-touch): intervals, *p, whole seeds*, *HaC, forces felt*, "
     "what finished policies rely on, and the words of this page.",
 )
@@ -119,8 +119,8 @@ RELIANCE_NOTE = (
     "A drop can mean that the policy uses the forces, or that their combination with the other "
     "senses is new to it. It does not show what a policy would have learned without forces. A seed "
     "that learned nothing has nothing to lose and counts with a change of 0. Means with 95 % "
-    f"intervals, not corrected for their number: {OVER_SEEDS}. They are too narrow where some "
-    "seeds fail."
+    f"intervals, not corrected for their number: {OVER_SEEDS}. The intervals are too narrow "
+    "where some seeds fail."
 )
 
 FELT, CURIOSITY = "HaC, forces felt", "of it, curiosity"
@@ -381,8 +381,8 @@ def _learned_note(learned: Mapping[tuple[Any, ...], str]) -> str:
     for (task, _, method), count in learned.items():
         by_task.setdefault(task, []).append(f"`{method}` {count}")
     tasks = (f"{task_title(task)}: {', '.join(counts)}" for task, counts in by_task.items())
-    learned_to = "[learned](../../docs/reference/metrics.md#intervals)"
-    return f"Training seeds that {learned_to}. {'. '.join(tasks)}."
+    link = "[learned](../../docs/reference/metrics.md#intervals)"
+    return f"This is how many training seeds {link}. {'. '.join(tasks)}."
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame, learned: str) -> list[str]:

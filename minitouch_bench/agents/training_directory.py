@@ -30,7 +30,6 @@ from minitouch_bench.machine import require
 from minitouch_bench.policies.sources import CONFIG_FILE, EXPLORED_FILE, KEPT_FILE, TRAINED_FILE
 from minitouch_bench.processes import keep_freed_memory
 from minitouch_bench.reporting.training_page import training_page
-from minitouch_bench.runs.plan import first_of
 from minitouch_bench.text import describe
 
 EVENTS_DIRECTORY = "events"
@@ -222,9 +221,7 @@ def _check_directory(
         advice += "another --output"
     else:
         advice = "It contains no training; choose another --output"
-    if entries:
-        first = first_of([ascii(name) for name in entries], 1)
-        raise RunDirectoryError(f"{directory} is not empty: {first}.\n{advice}")
+    files.refuse_entries(directory, entries, advice)
     if resume:
         note(f"{directory} contains no training yet: one is started")
     return None

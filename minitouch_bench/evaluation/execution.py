@@ -18,7 +18,6 @@ from minitouch_bench.machine import RunEnvironment, installed_versions, machine_
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal, check_same, read_header
-from minitouch_bench.runs.plan import first_of
 from minitouch_bench.runs.run import Run, RunHeader, make_header, make_run, read_run, run_json
 from minitouch_bench.simulation.builds import BUILDS
 
@@ -89,7 +88,11 @@ def open_run(
         files.clear_run(directory)
     if not files.holds_run(directory):
         if not fresh:
-            _check_empty(directory)
+            advice = (
+                "It does not contain a run. Choose another directory; or add --fresh: files called "
+                "as a run's are then replaced"
+            )
+            files.refuse_entries(directory, files.entries_of(directory), advice)
         return Journal.begin(header, package_versions(), directory)
     done: Journal | Run
     try:
@@ -110,16 +113,6 @@ def open_run(
     if isinstance(done, Run):
         Journal(header, directory).remove()  # a crash after the last file left it
     return done
-
-
-def _check_empty(directory: Path) -> None:
-    """Refuse a directory with other files, which could have the names of a run's files."""
-    if entries := files.entries_of(directory):
-        first = first_of([ascii(name) for name in entries], 1)
-        raise errors.RunDirectoryError(
-            f"{directory} is not empty and does not contain a run: {first}.\n"
-            "Choose another directory; or add --fresh: files called as a run's are then replaced"
-        )
 
 
 def play_missing(

@@ -175,9 +175,9 @@ class Entry:
         return run
 
     def read(self, row: RowFacts | None = None) -> "PlayedRow":
-        """Return the runs of the suites that ``row`` says are played; by default ``row.toml``.
+        """Return a row with the suites that ``row``, by default ``row.toml``, says are played.
 
-        No suite where a checkpoint of the submission was added or replaced since.
+        It has no suite if a checkpoint of the submission was added or replaced since.
 
         Raises:
             RunDirectoryError: a file is missing or damaged, or a run is of other policies or rules.

@@ -110,8 +110,8 @@ class PolicySource:
         part = dict(self.parts).get(task)
         if part is None:
             raise PolicyLoadError(
-                f"{self.target} has no policy for the task '{task}': add one, such as "
-                f"{task}.safetensors, or leave the task out"
+                f"{self.target} has no policy for the task '{task}': add a file such as "
+                f"{task}.safetensors, or a training of the task"
             )
         return replace(part, deterministic=self.deterministic)
 

@@ -19,6 +19,7 @@ from minitouch_bench.files import (
     entries_of,
     lock_directory,
     os_errors_as,
+    refuse_entries,
     replace_file,
 )
 from minitouch_bench.machine import installed_versions
@@ -88,11 +89,8 @@ def refuse_others(folder: Path) -> None:
     Raises:
         RunDirectoryError: it has some.
     """
-    if others := {*entries_of(folder)} - {PARTIAL, PACK}:
-        raise RunDirectoryError(
-            f"{folder} is not empty and does not contain a set: {min(others)!a}; choose another "
-            "--output"
-        )
+    others = {*entries_of(folder)} - {PARTIAL, PACK}
+    refuse_entries(folder, others, "It does not contain a set; choose another --output")
 
 
 def made_before(partial: Path, plan: Mapping[str, Any]) -> dict[int, tuple[dict[str, Any], bytes]]:
@@ -111,8 +109,8 @@ def made_before(partial: Path, plan: Mapping[str, Any]) -> dict[int, tuple[dict[
     whole = [line for line in found if line.endswith(b"\n")]  # a kill can cut the last one
     with os_errors_as(InfrastructureError, partial, "written"):
         replace_file(partial, b"".join(whole))
-    hint = "is damaged; delete it or choose another --output"
-    with damage_as(RunDirectoryError, f"{partial} {hint}"):
+    what = f"{partial} is damaged; delete it or choose another --output"
+    with damage_as(RunDirectoryError, what):
         shapes = [json.loads(line) for line in whole[1:]]
         return {index: (entry, base64.b64decode(record)) for index, entry, record in shapes}
 

@@ -21,7 +21,9 @@ from minitouch_bench.policies.sources import HubFile, parse_hub_address
 from tests.commands.command import run, run_installed, succeed
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
-REFERENCE = f"hf://somebody/touch@{COMMIT}/nets/pushing.safetensors"
+REFERENCE, TAGGED, UNKNOWN = (
+    f"hf://somebody/touch@{revision}/nets/pushing.safetensors" for revision in (COMMIT, "v1", "v2")
+)
 ADDRESS = "hf://somebody/touch/nets/pushing.safetensors"
 ONE = ("--episodes-from", "pushing/0", "--workers", "1")
 
@@ -75,14 +77,7 @@ def hub(tmp_path, monkeypatch):
 
 
 def test_a_policy_on_the_hub_is_evaluated_and_its_commit_and_digest_are_kept(hub, tmp_path):
-    succeed(
-        "evaluate",
-        ADDRESS.replace("touch", "touch@v1"),
-        *ONE,
-        "--output",
-        "run",
-        directory=tmp_path,
-    )
+    succeed("evaluate", TAGGED, *ONE, "--output", "run", directory=tmp_path)
     text = (tmp_path / "run" / "run.json").read_text()
     policy = json.loads(text)["header"]["policy"]
     assert policy["source"] == REFERENCE
@@ -140,7 +135,7 @@ def test_a_file_that_is_too_large_or_missing_is_not_fetched(hub, tmp_path):
     done = run("evaluate", ADDRESS, *ONE, directory=tmp_path)
     done.refused(3, "1000000000000 bytes", "too large")
     assert sum("/resolve/" in path for path in hub.asked) == 1
-    done = run("evaluate", ADDRESS.replace("touch", "touch@v2"), *ONE, directory=tmp_path)
+    done = run("evaluate", UNKNOWN, *ONE, directory=tmp_path)
     done.refused(3, "@v2", "cannot be fetched")
 
 

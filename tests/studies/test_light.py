@@ -51,7 +51,7 @@ def write_rows(directory, known):
 
 
 def test_claims_are_confirmed_where_they_are_true_and_contradicted_where_they_are_reversed(
-    tmp_path, monkeypatch
+    tmp_path,
 ):
     write_rows(tmp_path, KNOWN | {"sees": 0.95})
     results = analyze_light(read_design(DESIGN), tmp_path)
