@@ -45,5 +45,5 @@ def onnx_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory / "policy.onnx"
 
 
-def load(kind: str, path: Path, **options: bool) -> Policy:
-    return load_policy(PolicySource(kind, "x", str(path), content=path.read_bytes(), **options))
+def load(kind: str, path: Path) -> Policy:
+    return load_policy(PolicySource(kind, "x", str(path), content=path.read_bytes()))

@@ -84,7 +84,6 @@ ACTS = {
     "os_exit": leave_saying,
     "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "kill_grown": kill_grown,
-    "abort": os.abort,
     "close_pipes": close_pipes,
     "speak_nonsense": lambda: say_only(b"\xff" * 100),
     "speak_at_length": lambda: say_only(pack_frame(Frame.ACTION, bytes(MAX_PAYLOAD + 1))),
@@ -94,8 +93,6 @@ ACTS = {
     "answer_ahead": answer_ahead,
     "kill_host": lambda: (os.kill(os.getppid(), signal.SIGKILL), time.sleep(1000)),
     "nan": lambda: np.full(4, np.nan),
-    "short": lambda: np.zeros(3),
-    "integers": lambda: np.zeros(4, int),
 }
 SEEDS = {name: seed for seed, name in enumerate(ACTS)}
 RESET_RAISES, RESET_EXITS, RESET_SLEEPS = 100, 101, 102
@@ -119,19 +116,6 @@ class Misbehaving:
 
 class Forgetful(Misbehaving):
     warning = "it forgets\nmuch"
-
-
-def raising_factory():
-    raise RuntimeError("no weights here")
-
-
-def exiting_factory():
-    print("cannot start", file=sys.stderr)
-    os._exit(7)
-
-
-def sleeping_factory():
-    sleep()
 
 
 def claiming_factory():

@@ -28,7 +28,6 @@ from minitouch_bench.protocol.limits import PolicyLimits
 from tests.policies.misbehaving import RESET_EXITS, RESET_RAISES, RESET_SLEEPS, SEEDS
 from tests.process_tree import is_alive, run_python, wait_until
 
-HERE = Path(__file__).parent
 OBSERVATION = zero_observation()
 LIMITS = PolicyLimits(load_timeout_s=60.0, act_timeout_s=60.0)
 SOON_S = 30.0
@@ -43,7 +42,7 @@ def factory(attribute):
 def importable():
     """Let policy processes import ``misbehaving`` from here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
+        patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
         yield
 
 
@@ -64,7 +63,6 @@ def bad():
         ("os_exit", PolicyExitError, "exited with code 9: last words$"),
         ("kill", PolicyKilledError, "killed by SIGKILL$"),
         ("kill_grown", OutOfMemoryError, "killed by SIGKILL while it used [3-5][0-9][0-9] MiB"),
-        ("abort", PolicyExitError, "killed by SIGABRT"),
         ("close_pipes", PolicyExitError, "closed its connection$"),
         ("speak_nonsense", PolicyExitError, "broke the protocol: a packet of kind 255"),
         ("speak_at_length", PolicyExitError, "a packet of kind 4 with 65537 bytes"),
@@ -72,8 +70,6 @@ def bad():
         ("claim_absence", PolicyExitError, "UNREACHABLE in place of ACTION"),
         ("claim_refusal", PolicyExitError, "REFUSED in place of ACTION"),
         ("nan", InvalidActionError, "NaN"),
-        ("short", InvalidActionError, "3 numbers"),
-        ("integers", InvalidActionError, "int64"),
     ],
 )
 def test_a_fault_is_named_at_once_and_the_next_episode_is_fine(bad, how, error, text):
@@ -152,9 +148,9 @@ def test_a_child_dies_with_its_episode_and_a_dead_host_is_replaced(bad):
         (RESET_RAISES, PolicyRaisedError, "KeyError: 'pushing'"),
         (RESET_EXITS, PolicyExitError, "exited with code 5"),
         (RESET_SLEEPS, PolicyTimeoutError, "reset did not return within 5 s"),
-        ("sleeping_factory", PolicyLoadError, "it was not loaded within 5 s"),
-        ("raising_factory", PolicyLoadError, "RuntimeError: no weights here"),
-        ("exiting_factory", PolicyLoadError, "exited with code 7: cannot start"),
+        ("sleep", PolicyLoadError, "it was not loaded within 5 s"),
+        ("raise_error", PolicyLoadError, "ValueError: I am lost"),
+        ("leave_saying", PolicyLoadError, "exited with code 9: last words"),
         ("not_a_policy", PolicyLoadError, "dict is not a policy"),
         ("claiming_factory", PolicyLoadError, "CONFINED in place of LOADED"),
         ("missing", PolicyLoadError, "cannot be imported"),
@@ -226,13 +222,10 @@ def test_a_host_that_cannot_fork_ends_at_once():
 
 WORKER = """
 import sys, time
-from minitouch_bench.policies.policy import IsolationOptions
+from minitouch_bench.policies.policy import IsolationOptions, zero_observation
 from minitouch_bench.policies.policy_process import PolicyProcess
-from minitouch_bench.policies.policy import zero_observation
 from minitouch_bench.policies.sources import parse_source
-policy = PolicyProcess(
-    parse_source("misbehaving:Misbehaving"), IsolationOptions(trust=True)
-)
+policy = PolicyProcess(parse_source("misbehaving:Misbehaving"), IsolationOptions(trust=True))
 policy.reset(int(sys.argv[1]), "pushing")
 print(*policy.act(zero_observation())[1:3].astype(int), "torch" in sys.modules, flush=True)
 time.sleep(1000)

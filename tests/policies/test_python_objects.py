@@ -3,6 +3,7 @@ import importlib
 import os
 import sys
 
+import numpy as np
 import pytest
 import torch
 
@@ -132,31 +133,46 @@ def test_ctrl_c_is_not_a_fault_of_the_policy(place, observation):
         play()
 
 
-class Narrow(torch.nn.Module):
-    rows = 12
+class Overwriting:
+    def act(self, observation):
+        seen = observation["touch"][:4].copy()
+        observation["touch"].fill(9.0)
+        observation["image"].fill(9)
+        return seen
+
+
+def test_a_policy_that_overwrites_its_observation_overwrites_its_copy(observation):
+    given = {name: value.copy() for name, value in observation.items()}
+    with contextlib.closing(isolate(keep_in_memory(Overwriting()))) as policy:
+        policy.reset(0, "pushing")
+        assert np.array_equal(policy.act(given), observation["touch"][:4])
+    assert all(np.array_equal(given[name], observation[name]) for name in observation)
+
+
+class Still(torch.nn.Module):
+    """Its ``predict`` is its own, and none of Stable-Baselines3."""
 
     def forward(self, image, touch):
-        return touch @ torch.zeros(self.rows, 4)
-
-
-class Predicting(Narrow):
-    rows = 11
+        return 0.0 * touch[:, :4]
 
     def predict(self, image):
         raise NotImplementedError
 
 
-class Still(torch.nn.Module):
+class Narrow(torch.nn.Module):
     def forward(self, image, touch):
-        return 0.0 * touch[:, :4]
+        return touch @ torch.zeros(12, 4)
 
 
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
-@pytest.mark.parametrize("factory", [Predicting, lambda: torch.jit.script(Still())])
-def test_a_factory_can_make_a_torch_module_whose_fault_has_its_line(observation, factory):
+@pytest.mark.parametrize("factory", [Still, lambda: torch.jit.script(Still())])
+def test_a_factory_can_make_a_torch_module(observation, factory):
     policy = make_policy(factory, deterministic=True)
     policy.reset(0, "pushing")
     assert policy.act(observation).tolist() == [[0.0] * 4]
+
+
+def test_a_fault_of_a_torch_module_has_its_line(observation):
     place = r"multiplied .* \(test_python_objects\.py:\d+ in forward\)$"
     with pytest.raises(PolicyRaisedError, match=place):
         load_object(keep_in_memory(Narrow())).act(observation)
@@ -201,12 +217,6 @@ class NamedSet(set):
     """A set that has attributes."""
 
 
-def named_set(name):
-    made = NamedSet({1, 2})
-    made.name = name
-    return made
-
-
 def test_code_has_one_digest_wherever_it_was_typed():
     def made(file):
         space = {}
@@ -222,11 +232,13 @@ def test_other_tensors_and_sets_have_other_digests():
         policy.value = value
         return keep_in_memory(policy).digest
 
+    left, right = NamedSet({1, 2}), NamedSet({1, 2})
+    left.name, right.name = "left", "right"
     values = [
         torch.zeros(4), torch.zeros(2, 2), torch.zeros(4, dtype=torch.int32), -torch.zeros(4),
         torch.tensor(0.0), torch.nn.Parameter(torch.zeros(4)), torch.eye(2).to_sparse(),
         torch.zeros(4, device="meta"), {1, 2}, {1, 3}, {"1", 2}, frozenset({1, 2}), {Ending},
-        "0" * 32, "f" * 32, named_set("left"), named_set("right"),
+        "0" * 32, "f" * 32, left, right,
     ]  # fmt: skip
     assert len({*map(digest, values)}) == len(values)
     transposed = torch.arange(4.0).reshape(2, 2).T

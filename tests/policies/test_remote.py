@@ -5,7 +5,6 @@ import select
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +13,7 @@ from minitouch_bench.errors import PolicyFaultError, PolicyLoadError, ServerUnre
 from minitouch_bench.evaluation.policy_setup import try_policy
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, PolicySource, load_policy
 from minitouch_bench.policies.policy_process import isolate
-from minitouch_bench.policies.server import (
-    MAX_OPEN_EPISODES,
-    PolicyHandler,
-    PolicyServer,
-)
+from minitouch_bench.policies.server import MAX_OPEN_EPISODES, PolicyHandler, PolicyServer
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.policies.wire import OBSERVATION_BYTES, WireError
 from tests.policies.recipes import run_recipes
@@ -178,7 +173,6 @@ USUAL["7"] = b"{}"  # the episode is ended
         ({"act": b"{}"}, PolicyFaultError, "'action'"),
         ({"act": b'{"action": [true, false]}'}, PolicyFaultError, "numbers"),
         ({"act": b'{"action": [0, "1"]}'}, PolicyFaultError, "numbers"),
-        ({"act": b"no json"}, PolicyFaultError, "JSON"),
         ({"act": b"[" * 60_000}, PolicyFaultError, "JSON"),
         ({"act": USUAL["act"].ljust(2**17)}, PolicyFaultError, "64 KiB"),
         ({"act": USUAL["act"].ljust(2**16)}, None, ""),
@@ -195,14 +189,8 @@ def test_an_odd_answer_of_a_server_is_named(odd, error, word, observation):
                 assert policy.act(observation).tolist() == [0.0, 1.5]
 
 
-class Impatient(PolicyHandler):
-    """Closes connections that are idle for a moment."""
-
-    timeout = 0.05
-
-
-def test_a_connection_that_the_server_closed_is_opened_again(server, connect, observation):
-    server.RequestHandlerClass = Impatient
+def test_a_connection_that_the_server_closed_is_opened_again(connect, observation, monkeypatch):
+    monkeypatch.setattr(PolicyHandler, "timeout", 0.05)
     policy = connect()
     policy.reset(1, "pushing")
     for call in (1, 2, 3):
@@ -210,20 +198,12 @@ def test_a_connection_that_the_server_closed_is_opened_again(server, connect, ob
         assert select.select([policy._connection.sock], [], [], 30.0)[0]  # it is closed there
 
 
-class Closing(PolicyHandler):
-    """Closes the connection after each answer."""
-
-    def end_headers(self):
-        self.send_header("Connection", "close")
-        super().end_headers()
-
-
 @pytest.mark.parametrize("level", [Isolation.PROCESS, Isolation.NONE])
-def test_a_server_that_cannot_be_reached_is_not_the_policy_s_fault(level, observation):
+def test_a_server_that_cannot_be_reached_is_not_the_policy_s_fault(level, observation, monkeypatch):
+    monkeypatch.setattr(PolicyHandler, "protocol_version", "HTTP/1.0")  # a connection per request
     with PolicyServer(Echo, ("127.0.0.1", 0)) as server:
         source = parse_source(f"http://127.0.0.1:{server.server_address[1]}")
         with contextlib.closing(isolate(source, IsolationOptions(level, trust=True))) as policy:
-            server.RequestHandlerClass = Closing
             with serving(server):
                 policy.reset(1, "pushing")
             server.server_close()
@@ -235,7 +215,7 @@ def test_a_server_that_cannot_be_reached_is_not_the_policy_s_fault(level, observ
         try_policy(source, ["pushing"], IsolationOptions(level, trust=True))
 
 
-def test_the_recipes_factory_can_be_served(tmp_path: Path, observation):
+def test_the_recipes_factory_can_be_served(tmp_path):
     names = run_recipes(tmp_path, "class Forward", "def make_policy")
     with PolicyServer(names["make_policy"], ("127.0.0.1", 0)) as server:
         episode = server.begin(json.dumps({"seed": 1, "task": "pushing"}).encode())

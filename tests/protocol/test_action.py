@@ -36,7 +36,6 @@ def test_four_or_five_numbers_serve_every_task(given, size, taken):
         (np.float32(1.0), 4, "shape"),
         (np.zeros(4, int), 4, "type int64"),
         ([[1.0], [1.0, 2.0]], 4, "not an array"),
-        ((np.zeros(4), None), 4, "in a tuple: return the action alone"),
         ([0.0, np.nan, 0.0, 0.0], 4, "NaN"),
         ([0.0, 0.0, 0.0, np.inf], 4, "infinity"),
         ([0.0, 0.0, 0.0, 0.0, np.nan], 4, "NaN"),  # though a task of 4 does not use it

@@ -1,14 +1,16 @@
 """A policy that tries to break out, one way an act, and tells what the kernel said.
 
-``touch[0]`` picks the way. The action's first number is the error's number, 0 where it worked.
+``touch[0]`` picks the way. The action's first number is the error's number, 0 where it worked;
+what looks for something returns False where nothing is.
 """
 
+import contextlib
 import ctypes
+import errno
 import fcntl
 import gc
 import mmap
 import os
-import platform
 import resource
 import signal
 import socket
@@ -21,24 +23,13 @@ from pathlib import Path
 import numpy as np
 
 LIBC = ctypes.CDLL(None, use_errno=True)
-HERE = Path(__file__).parent
-MACHINE = platform.machine()
-CANARY = HERE / "canary"
+LIBC.getenv.restype = ctypes.c_char_p
+CANARY = Path(__file__).with_name("canary")
 
 
 def call(number, *arguments):
     if LIBC.syscall(number, *arguments) < 0:
         raise OSError(ctypes.get_errno(), "refused")
-
-
-def prctl(*arguments):
-    if LIBC.prctl(*arguments) < 0:
-        raise OSError(ctypes.get_errno(), "refused")
-
-
-def fork():
-    if os.fork() == 0:
-        os._exit(0)
 
 
 def read_parents_memory():
@@ -53,40 +44,30 @@ def peek():
     call(310, os.getppid(), vector, 1, vector, 1, 0)
 
 
-def be_signalled_for(owner):
-    fcntl.fcntl(0, fcntl.F_SETOWN, owner)
-
-
 def find_descriptors():
-    """Raise EMFILE if no more is open than the streams and one socket."""
-    opened = []
+    """Tell whether other descriptors are open than the streams and one socket."""
+    opened = 0
     for number in range(4096):
-        try:
-            opened.append(os.fstat(number).st_mode)
-        except OSError:
-            continue
-    if len(opened) == 4:
-        raise OSError(24, "no more than there should be")
+        with contextlib.suppress(OSError):
+            os.fstat(number)
+            opened += 1
+    return opened != 4
 
 
 def find_simulator():
     """Look for a world, or for what runs the episodes, in all that this process holds."""
     names = {type(thing).__name__ for thing in gc.get_objects()}
     held = names & {"MiniTouchEnv", "BulletClient", "EpisodeRunner", "EpisodeSpec", "PolicyProcess"}
-    if not held and "pybullet" not in sys.modules:
-        raise OSError(2, "nothing here")
+    return bool(held) or "pybullet" in sys.modules
 
 
 def find_secrets():
-    LIBC.getenv.restype = ctypes.c_char_p
-    if "MINITOUCH_SECRET" not in os.environ and LIBC.getenv(b"MINITOUCH_SECRET") is None:
-        raise OSError(2, "nothing here")
+    return "MINITOUCH_SECRET" in os.environ or LIBC.getenv(b"MINITOUCH_SECRET") is not None
 
 
 def find_fatal_limit():
     """Look for a limit at which the kernel kills, as if from outside."""
-    if resource.getrlimit(resource.RLIMIT_CPU)[1] == resource.RLIM_INFINITY:
-        raise OSError(2, "nothing here")
+    return resource.getrlimit(resource.RLIMIT_CPU)[1] != resource.RLIM_INFINITY
 
 
 def leave_flags():
@@ -97,17 +78,12 @@ def leave_flags():
 
 def find_flags():
     flags = [fcntl.fcntl(stream, fcntl.F_GETFL) for stream in range(3)]
-    if not any(value & (os.O_APPEND | os.O_NONBLOCK) for value in flags):
-        raise OSError(2, "nothing here")
-
-
-def x32_call():
-    call(0x40000000 + 39)
+    return any(value & (os.O_APPEND | os.O_NONBLOCK) for value in flags)
 
 
 DEEDS = {
     "open a socket": socket.socket,
-    "fork": fork,
+    "fork": lambda: os.fork() or os._exit(0),
     "exec": lambda: os.execv(sys.executable, ["python", "-c", ""]),
     "kill its parent": lambda: os.kill(os.getppid(), signal.SIGKILL),
     "signal everything": lambda: os.kill(-1, 0),  # the filter judges the target alone
@@ -115,7 +91,7 @@ DEEDS = {
     "find a limit that kills": find_fatal_limit,
     "see what is in memory of a file": lambda: call(27, 0, 4096, b"x"),
     "have a file forgotten": lambda: os.posix_fadvise(0, 0, 0, os.POSIX_FADV_DONTNEED),
-    "have its parent signalled": lambda: be_signalled_for(os.getppid()),
+    "have its parent signalled": lambda: fcntl.fcntl(0, fcntl.F_SETOWN, os.getppid()),
     "signal by descriptor": lambda: signal.pidfd_send_signal(0, 9),
     "trace its parent": lambda: call(101, 16, os.getppid(), 0, 0),
     "peek into its parent": peek,
@@ -124,7 +100,7 @@ DEEDS = {
     "read its own environment": lambda: Path("/proc/self/environ").read_bytes(),
     "read its parent's processor time": lambda: time.clock_gettime(~os.getppid() << 3 | 2),
     "list processes": lambda: os.listdir("/proc"),
-    "write a file": lambda: Path(CANARY).write_text("x"),
+    "write a file": lambda: CANARY.write_text("x"),
     "change its code's rights": lambda: os.chmod(__file__, 0o777),
     "make a folder": lambda: os.mkdir(CANARY),
     "remove its code": lambda: os.unlink(__file__),
@@ -136,16 +112,7 @@ DEEDS = {
     "attach a world in shared memory": lambda: call(29, 12347, 4096, 0o1000),
     "make a file in memory": lambda: os.memfd_create("x"),
     "lock a file for others": lambda: fcntl.flock(0, fcntl.LOCK_EX),
-    "use io_uring": lambda: call(425, 4, ctypes.create_string_buffer(120)),
-    "load a BPF program": lambda: call(321, 0, None, 0),
-    "watch performance": lambda: call(298, None, 0, -1, -1, 0),
-    "keep a key": lambda: call(248, b"user", b"a", b"b", 1, -3),
-    "handle page faults": lambda: call(323, 0),
-    "mount": lambda: call(165, None, None, None, 0, None),
-    "unshare": lambda: call(272, 0x10000000),
-    "enter another namespace": lambda: call(308, 0, 0),
-    "change personality": lambda: call(135, 0x0040000),
-    "outlive its parent": lambda: prctl(1, 0, 0, 0, 0),
+    "outlive its parent": lambda: call(157, 1, 0, 0, 0, 0),
     "leave its group": lambda: os.setpgid(0, 0),
     "slow others down": lambda: os.setpriority(os.PRIO_PROCESS, os.getppid(), 19),
     "limit its parent": lambda: resource.prlimit(os.getppid(), resource.RLIMIT_CPU, (1, 1)),
@@ -155,7 +122,7 @@ DEEDS = {
     "use a call of the future": lambda: call(600),
     "type into a terminal": lambda: fcntl.ioctl(0, 0x5412, b"x"),
 }
-FATAL = {"x32": x32_call}
+FATAL = {"x32": lambda: call(0x40000000 + 39)}
 HARMLESS = {
     "read its own code": lambda: Path(__file__).read_bytes(),
     "import a package": lambda: __import__("wave"),
@@ -173,9 +140,9 @@ class Hostile:
     def act(self, observation):
         deed = list(ALL.values())[int(observation["touch"][0])]
         try:
-            deed()
+            number = errno.ENOENT if deed() is False else 0
         except OSError as error:
-            return np.array([error.errno, 0, 0, 0], np.float32)
+            number = error.errno
         except ValueError:  # what Python makes of EPERM from setrlimit
-            return np.array([1, 0, 0, 0], np.float32)
-        return np.zeros(4, np.float32)
+            number = errno.EPERM
+        return np.array([number, 0, 0, 0], np.float32)

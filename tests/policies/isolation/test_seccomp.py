@@ -60,9 +60,10 @@ def judge(call, *arguments, threads=False, architecture=kernel.AUDIT_ARCH):
     return decide(PROGRAMS[threads], number, arguments, architecture)
 
 
-def test_what_computing_needs_is_allowed_and_what_reaches_beyond_the_process_denied():
-    assert {judge(name) for name in ALLOWED} == {kernel.ALLOW}
-    assert {judge(name) for name in FORBIDDEN} == {DENIED}
+@pytest.mark.parametrize("threads", [False, True])
+def test_what_computing_needs_is_allowed_and_what_reaches_beyond_the_process_denied(threads):
+    assert {judge(name, threads=threads) for name in ALLOWED} == {kernel.ALLOW}
+    assert {judge(name, threads=threads) for name in FORBIDDEN} == {DENIED}
 
 
 THREAD, PROCESS = 0x3D0F00, 0x1200011
