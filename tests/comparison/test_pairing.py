@@ -9,12 +9,9 @@ from minitouch_bench.comparison.pairing import (
     differences_of_making,
     pair_runs,
     paired_test,
-    share_roles,
 )
-from minitouch_bench.episode import Role, role_of
 from minitouch_bench.errors import UsageError
 from tests.comparison.pairs import flags, make_saved, values, with_header
-from tests.reporting.synthetic import make_run, save
 
 ONE = make_saved({"playing": values(flags(0, 5)), "pushing": values(flags(3, 5))}, "one")
 OTHER = make_saved({"playing": values(flags(0, 5)), "pushing": values(flags(4, 5))}, "other")
@@ -36,19 +33,6 @@ def test_several_tasks_with_a_goal_have_a_mean_over_all_their_episodes():
     more = make_saved({**goals, "pick-up": values(flags(1, 6))})
     unequal = collect_values(pair_runs(more, more), ("pushing", "pick-up"))
     assert "mean" not in {values.task for values in unequal}
-
-
-def test_exploration_episodes_are_paired_by_their_role():
-    one = save(make_run("one", tasks=("pushing",), episodes=6), "one")
-    other = save(make_run("other", tasks=("pushing",), episodes=6), "other")
-    pairs = pair_runs(one, other)
-    assert [role_of(key) for key in pairs].count(Role.EXPLORATION) == 6
-    assert [*pairs][-1] == "exploration/pushing/5"
-    found = collect_values(pairs, ("pushing",))
-    assert [values.metric for values in found][:2] == ["exploration", "success"]
-    alone = share_roles((one, replace(other, exploration_rows=())))
-    assert {role_of(key) for key in pair_runs(*alone)} == {Role.FINAL}
-    assert share_roles((one, other)) == (one, other)
 
 
 def test_runs_are_named_by_their_paths(tmp_path):
