@@ -65,15 +65,8 @@ def make_saved(tasks: Mapping[str, Values], name: str = "a-run", digest: str | N
     summary = replace(
         TEMPLATE.summary, tasks=tuple(replace(estimates, task=task) for task in tasks)
     )
-    return replace(
-        TEMPLATE,
-        name=name,
-        digest=digest or name,
-        header=header,
-        summary=summary,
-        rows=episodes,
-        faults={},
-    )
+    found = {"header": header, "summary": summary, "rows": episodes}
+    return replace(TEMPLATE, name=name, digest=digest or name, **found)
 
 
 def episode(task: str, index: int, own: Values) -> Episode:

@@ -20,8 +20,6 @@ from tests.process_tree import git
 
 ACTION = ROOT / ".github/actions/regress/action.yml"
 WORKFLOW = ROOT / "docs/examples/regress.yml"
-
-
 GATE = yaml.safe_load(ACTION.read_text())["runs"]["steps"][-1]
 
 

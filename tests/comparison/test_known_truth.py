@@ -6,6 +6,7 @@ half of each policy's outcomes its own luck.
 
 import math
 from collections import Counter
+from itertools import product
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 GOALS = ("pushing", "opening", "pick-up")
 GATES = 2000
 STANDARD = GateSettings()
-PATHS = ("a", "b")
 PER_TASK = (4, 10, 25)
 """Episodes of each task."""
 
@@ -53,16 +53,8 @@ def draw_gates(before, after, episodes, noise=0.5, seed=1):
 @pytest.mark.parametrize("episodes", [*PER_TASK, 100])
 @pytest.mark.parametrize(
     ("skill", "noise"),
-    [
-        (0.9, 0.5),
-        (0.6, 0.5),
-        (0.9, 1.0),
-        (0.6, 1.0),
-        (0.95, 0.1),
-        (0.5, 1.0),
-        ((0.2, 0.5, 0.9), 0.5),
-    ],
-)  # fmt: skip
+    [*product((0.9, 0.6), (0.5, 1.0)), (0.95, 0.1), (0.5, 1.0), ((0.2, 0.5, 0.9), 0.5)],
+)
 def test_equal_policies_are_hardly_ever_a_regression(skill, noise, episodes):
     # The test is exact; with 300 pairs it uses nearly all of its level, and 2,000 gates vary.
     room = 0.0 if episodes in PER_TASK else 3 * math.sqrt(0.05 * 0.95 / GATES)

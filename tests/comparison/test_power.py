@@ -5,12 +5,7 @@ import pytest
 
 from minitouch_bench.comparison.pairing import PairedValues, episodes_needed
 from minitouch_bench.metrics.intervals import bootstrap
-from minitouch_bench.metrics.statistics import (
-    FEWEST_FOR_A_MEAN,
-    mcnemar_p,
-    sign_flip_p,
-    tango,
-)
+from minitouch_bench.metrics.statistics import FEWEST_FOR_A_MEAN, mcnemar_p, sign_flip_p, tango
 
 TRIALS = 1000
 ERROR = 3 * math.sqrt(0.8 * 0.2 / TRIALS)

@@ -104,7 +104,6 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, **where)
 
     def press(self, key: str) -> None:
-        """Press a key."""
         code = {"Enter": 13, "ArrowRight": 39, "End": 35}[key]
         text = {"text": "\r"} if key == "Enter" else {}
         for kind, typed in (("keyDown", text), ("keyUp", {})):
@@ -116,12 +115,10 @@ class Browser:
         self.call("Input.insertText", text=text)
 
     def screen(self, width: int, height: int) -> None:
-        """Set the size of the screen."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def close(self) -> None:
-        """End the browser."""
         try:
             self.call("Browser.close")
             self._socket.close()

@@ -21,15 +21,15 @@ TASKS = ("pushing",)
 RUNS = ("seed-0/table4", "seed-0/table4-fresh")
 
 
-def small_plan(suite):
-    return replace(make_plan(suite), episodes=EPISODES, tasks=TASKS)
-
-
-def play_few(patch) -> None:
+def play_few(patch, official=EPISODES, fresh_ones=EPISODES) -> None:
     """Let rows have few episodes."""
+
+    def small_plan(suite):
+        return replace(make_plan(suite), episodes=official, tasks=TASKS)
+
     for module in (play, fresh):
         patch.setattr(module, "make_plan", small_plan)
-    patch.setattr(fresh, "FRESH_EPISODES", EPISODES)
+    patch.setattr(fresh, "FRESH_EPISODES", fresh_ones)
 
 
 def play_quickly(patch) -> None:

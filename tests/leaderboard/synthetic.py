@@ -78,23 +78,23 @@ def write_result(entry: Entry, part: RowRun, skill: float, faults: int = 0) -> N
 
 
 def make_submission(
-    submissions: Path, name="hac", seeds=(0,), *, exploration=False, about=ABOUT, content=CHECKPOINT
-) -> Path:
-    """Write a submission that passes every check; ``content`` is that of its checkpoints."""
+    submissions: Path, name="hac", seeds=(0,), *, exploration=False, about=ABOUT,
+    content=b"", explored=b"", file="hac.safetensors",
+) -> Path:  # fmt: skip
+    """Write a submission that passes every check.
+
+    ``content`` and ``explored``: of its final and exploration checkpoints, in place of any bytes.
+    """
     directory = submissions / name
+    roles = () if name in BUILT_IN else (*Role,)[: 1 + (exploration or explored != b"")]
     trainings = []
     for seed in seeds:
-        roles = () if name in BUILT_IN else (*Role,)[: 1 + exploration]
-        contents = {role: content + f"{name} {role} {seed}".encode() for role in roles}
-        if content != CHECKPOINT:
-            contents[Role.FINAL] = content
-        digests = {role: hashlib.sha256(one).hexdigest() for role, one in contents.items()}
-        files = tuple(
-            CheckpointFile(role, ALL_TASKS, "hac.safetensors", digests[role]) for role in roles
-        )
-        training = SubmittedTraining(seed, files)
-        for file in files:
-            write_file(directory / training.place(file), contents[file.role])
+        training = SubmittedTraining(seed)
+        for role, given in zip(roles, (content, explored), strict=False):
+            written = given or CHECKPOINT + f"{name} {role} {seed}".encode()
+            one = CheckpointFile(role, ALL_TASKS, file, hashlib.sha256(written).hexdigest())
+            write_file(directory / training.place(one), written)
+            training = replace(training, checkpoints=(*training.checkpoints, one))
         trainings.append(training)
     told = replace(about, name=name, trainings=tuple(trainings))
     if name in BUILT_IN:
@@ -106,7 +106,7 @@ def make_submission(
 
 def make_row(
     root: Path, name="hac", skill=0.8, seeds=(0,), suites=("table4",), *, exploration=False,
-    faults=0, about=ABOUT, at=MORNING, fresh_skill=None, content=CHECKPOINT,
+    faults=0, about=ABOUT, at=MORNING, fresh_skill=None, content=b"",
 ) -> Entry:  # fmt: skip
     """Write a submission below ``root``, and what ``play`` keeps of it."""
     directory = make_submission(

@@ -72,13 +72,6 @@ def test_a_table_of_stored_actions_drops_beyond_doubt_although_the_other_tasks_a
     assert drop([run(final, explored)], [later]) < SIGNIFICANCE
 
 
-def test_playing_is_compared_by_its_touch_share():
-    rng = np.random.default_rng(0)
-    held, lost = rng.uniform(0.5, 1, 100).tolist(), rng.uniform(0, 0.3, 50).tolist()
-    assert drop([run({"playing": held})], [run({"playing": lost})]) < SIGNIFICANCE
-    assert drop([run({"playing": held})], [run({"playing": held[::2]})]) > 0.1
-
-
 def test_a_few_stored_episodes_of_playing_are_seen_in_the_mean_that_ranks():
     """A quarter of the official episodes is stored; the rank of most says nothing of them."""
     rng = np.random.default_rng(0)

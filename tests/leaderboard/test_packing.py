@@ -55,10 +55,7 @@ def test_the_trial_plays_each_policy_and_the_submission_is_whole(capsys, monkeyp
     assert "hf://USER/REPO/submission.toml" not in told_user.err
     found = told()
     assert [file.role for file in found.trainings[0].checkpoints] == ["final", "exploration"]
-    assert {path.name for path in Path("submissions/hac").iterdir()} == {
-        "submission.toml",
-        "checkpoints",
-    }
+    assert sorted(os.listdir("submissions/hac")) == ["checkpoints", "submission.toml"]
     packed = Path("submissions/hac/checkpoints/seed-0/final/policy-0.safetensors")
     assert packed.read_bytes() == Path("policy-0.safetensors").read_bytes()
     with pytest.raises(RunDirectoryError, match="--name"):
@@ -79,10 +76,11 @@ def test_each_policy_is_a_training_and_the_copy_is_named(capsys):
     submit(policies, training_seeds="7,5", **ABOUT)
     assert [training.seed for training in told().trainings] == [7, 5]
     submit([policies[0]], **{**ABOUT, "name": "copy"})
-    assert "1 of 1 final checkpoint: also in hac" in capsys.readouterr().err
+    assert "1 of 1 final checkpoint: also in hac," in capsys.readouterr().err
     for number, task in enumerate(TASK_NAMES):
         write_policy(Path("policies", f"{task}.safetensors"), number)
     submit(["policies"], **{**ABOUT, "name": "directory"})
+    assert "2 of 4 final checkpoints: also in hac," in capsys.readouterr().err
     assert {file.task for file in told("directory").trainings[0].checkpoints} == {*TASK_NAMES}
 
 

@@ -1,27 +1,19 @@
 """Rows played from real checkpoints: what is kept, what is played again, and what is not."""
 
-import hashlib
 from dataclasses import replace
 
 import pytest
 
-from minitouch_bench.episode import Role
-from minitouch_bench.errors import (
-    InfrastructureError,
-    InterruptedRunError,
-    RunDirectoryError,
-)
+from minitouch_bench.errors import InfrastructureError, InterruptedRunError, RunDirectoryError
 from minitouch_bench.evaluation import execution
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard import play as entries
-from minitouch_bench.leaderboard.play import ROW_FILE, Entry, play_row
-from minitouch_bench.leaderboard.submission import read_submission
-from minitouch_bench.policies.sources import parse_source
+from minitouch_bench.leaderboard.play import ROW_FILE, play_row
 from tests.evaluation.runs import Here
 from tests.leaderboard.playing import EPISODES, RUNS, TASKS, digests, play_quickly, write_policy
-from tests.leaderboard.synthetic import make_submission
+from tests.leaderboard.synthetic import ABOUT, entry_of, make_submission
 from tests.process_tree import run_python
 
 ALL = 2 * EPISODES * (2 * len(TASKS))
@@ -40,22 +32,10 @@ def checkpoints(tmp_path_factory):
     return [write_policy(folder / f"{n}.safetensors", n).read_bytes() for n in range(2)]
 
 
-def submit(root, final, exploration):
+def submit(root, final, explored, about=ABOUT):
     """Write a submission whose checkpoints have these bytes."""
-    directory = make_submission(root / "submissions", exploration=True)
-    told = read_submission(directory)
-    (training,) = told.trainings
-    contents = {Role.FINAL: final, Role.EXPLORATION: exploration}
-    for file in training.checkpoints:
-        (directory / training.place(file)).write_bytes(contents[file.role])
-    found = [replace(file, sha256=digest_of(contents[file.role])) for file in training.checkpoints]
-    told = replace(told, trainings=(replace(training, checkpoints=tuple(found)),))
-    (directory / "submission.toml").write_text(write_toml(told))
-    return Entry.open(directory, root / "results")
-
-
-def digest_of(content):
-    return hashlib.sha256(content).hexdigest()
+    options = {"content": final, "explored": explored, "about": about}
+    return entry_of(make_submission(root / "submissions", **options))
 
 
 @pytest.fixture
@@ -98,10 +78,8 @@ def test_a_row_is_played_once_and_read_back(entry):
     seeds = [{one.seed for one in run.rows} for run in (official, fresh)]
     assert not seeds[0] & seeds[1]
     assert not (entry.results.parent / "play" / entry.name).exists()
-    assert {path.name for path in entry.results.rglob("*") if path.is_file()} == {
-        "row.toml",
-        "run.json.gz",
-    }
+    kept = {path.name for path in entry.results.rglob("*") if path.is_file()}
+    assert kept == {"row.toml", "run.json.gz"}
     again = Count()
     assert play(entry, again.callbacks()) == row
     assert again.episodes == 0
@@ -177,10 +155,7 @@ TWO = ("table4", "novel-shapes")
 
 @pytest.fixture
 def entry_of_two(tmp_path, checkpoints):
-    entry = submit(tmp_path, *checkpoints)
-    told = replace(entry.submission, suites=TWO)
-    (entry.directory / "submission.toml").write_text(write_toml(told))
-    return Entry.open(entry.directory, tmp_path / "results")
+    return submit(tmp_path, *checkpoints, about=replace(ABOUT, suites=TWO))
 
 
 def test_a_row_that_is_stopped_shows_the_suites_that_are_finished(entry_of_two):
@@ -217,24 +192,16 @@ def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     assert "hours" in entry.read_row().waiting
 
 
-def test_each_training_is_a_policy_for_evaluate(entry):
-    source = parse_source(str(entry.directory / "seed-0"))
-    explorer = parse_source(str(entry.directory / "seed-0"), role=Role.EXPLORATION)
-    (training,) = entry.submission.trainings
-    assert source.digest == training.digest(Role.FINAL)
-    assert explorer.digest == training.digest(Role.EXPLORATION)
-    assert source.name == "hac"
-
-
 PLAY = """
 import os, signal, sys
 from pathlib import Path
 import pytest
 from tests.leaderboard.playing import play_quickly
-from tests.leaderboard.test_play import Count, Entry, play
+from tests.leaderboard.synthetic import entry_of
+from tests.leaderboard.test_play import Count, play
 play_quickly(pytest.MonkeyPatch())
-count = Count(int(sys.argv[3]), lambda: os.kill(os.getpid(), signal.SIGKILL))
-play(Entry.open(*map(Path, sys.argv[1:3])), count.callbacks())
+count = Count(int(sys.argv[2]), lambda: os.kill(os.getpid(), signal.SIGKILL))
+play(entry_of(Path(sys.argv[1])), count.callbacks())
 """
 
 
@@ -244,7 +211,7 @@ def test_a_killed_and_interrupted_row_gives_the_bits_of_an_undisturbed_one(
     whole = submit(tmp_path / "whole", *checkpoints)
     whole.results.mkdir(parents=True)
     for killed_at, interrupted_at in ((1, 2), (3, 2)):
-        run_python("-c", PLAY, entry.directory, entry.results.parent, killed_at, code=-9)
+        run_python("-c", PLAY, entry.directory, killed_at, code=-9)
         with pytest.raises(InterruptedRunError):
             play(entry, Count(interrupted_at, interrupt).callbacks())
         assert entry.read_row().played == ()

@@ -6,12 +6,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.board_errors import SETTINGS, simulate
-from minitouch_bench.leaderboard.ranking import (
-    judge_pairs,
-    rank,
-    ranks_of,
-    share_p_values,
-)
+from minitouch_bench.leaderboard.ranking import judge_pairs, rank, ranks_of
 from minitouch_bench.metrics.intervals import MeanDifferences, mean_differences
 from minitouch_bench.metrics.statistics import holm, seeds_to_decide
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -70,28 +65,22 @@ def test_false_alarms_over_seeds_stay_near_one_in_twenty():
     assert board <= 0.085
     pair, board, power = simulate(SETTINGS["seeds do not vary, 5 seeds"], 300, 0.1)
     assert board >= power >= 0.5
+    pair, _, _ = simulate(SETTINGS["one seed"], 300, 0.0)
+    assert pair <= 0.05  # by McNemar's exact test
 
 
-def false_alarms(strata, compare) -> float:
-    """Return the share of 1,000 independent pairs of equal policies that are told apart."""
+@pytest.mark.parametrize("strata", [1, 3])
+def test_false_alarms_of_means_are_one_in_twenty(strata):
+    """Of 1,000 independent pairs of equal policies."""
     rng = np.random.default_rng(4)
     found = []
     for _ in range(20):
         # Both of a pair meet the same easy and hard episodes.
         ease = rng.random((strata, 100))
         rows = [[single(rng.random(100) < own) for _ in range(100)] for own in ease]
-        p = compare(rows)
+        p = mean_p_values(rows)
         found += [p[place, place + 1] <= 0.05 for place in range(0, 100, 2)]
-    return float(np.mean(found))
-
-
-def test_false_alarms_of_mcnemar_stay_below_one_in_twenty():
-    assert false_alarms(1, lambda rows: share_p_values(rows[0], mean_differences(rows))) <= 0.05
-
-
-@pytest.mark.parametrize("strata", [1, 3])
-def test_false_alarms_of_means_are_one_in_twenty(strata):
-    assert 0.03 <= false_alarms(strata, mean_p_values) <= 0.07
+    assert 0.03 <= np.mean(found) <= 0.07
 
 
 # Ranks
@@ -137,21 +126,6 @@ def test_no_rank_contradicts_another():
             assert ranks[first].worst < ranks[second].worst
             found += 1
     assert found > 300
-
-
-def test_the_range_of_ranks_holds_the_true_rank():
-    """Nineteen rows in twenty: the true success rates are known and all differ."""
-    rng = np.random.default_rng(7)
-    truth = np.linspace(0.3, 0.9, 12)
-    true_ranks = 12 - np.arange(12)
-    held = []
-    for _ in range(150):
-        ease = rng.random(100)
-        rows = [single((rng.random(100) + ease) / 2 < rate) for rate in truth]
-        means = np.array([row.mean() for row in rows])
-        ranks = ranks_of(judge_pairs(means, share_p_values(rows, mean_differences([rows])))[1])
-        held += [rank.best <= r <= rank.worst for rank, r in zip(ranks, true_ranks, strict=True)]
-    assert np.mean(held) >= 0.95
 
 
 # Pairs, and seeds that would settle them
@@ -212,8 +186,3 @@ def test_pairs_say_what_the_ranks_rest_on():
         assert [(one.best, one.worst) for one in ranking.ranks.values()] == [(1, 1), (2, 3), (2, 3)]
         assert ranking.pairs[0].p <= 0.05 < ranking.pairs[2].p
     assert rank({}) == {}
-    keys = ("dark/playing", "dark/opening", "dark/pick-up")  # a mean and a family of their own
-    dark = rank({name: dict.fromkeys(keys, rows[name]) for name in "ab"})
-    assert {*dark} == {"dark", *keys}
-    (pair,) = dark["dark"].pairs
-    assert (pair.higher, pair.is_significant) == ("a", True)
