@@ -5,7 +5,7 @@ import torch
 from minitouch_bench.agents.memory import Batch
 
 
-def random_batch(size=8, action_size=4, seed=0):
+def random_batch(size=8, seed=0):
     generator = torch.Generator().manual_seed(seed)
 
     def images():
@@ -17,7 +17,7 @@ def random_batch(size=8, action_size=4, seed=0):
     return Batch(
         image=images(),
         touch=numbers(size, 11),
-        action=numbers(size, action_size).tanh(),
+        action=numbers(size, 4).tanh(),
         next_image=images(),
         next_touch=numbers(size, 11),
         task_reward=numbers(size),

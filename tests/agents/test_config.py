@@ -7,11 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from minitouch_bench.agents.config import (
-    PRESETS,
-    PhaseConfig,
-    make_config,
-)
+from minitouch_bench.agents.config import PRESETS, PhaseConfig, make_config
 from minitouch_bench.agents.sac import Sac
 from minitouch_bench.errors import UsageError
 from minitouch_bench.json_io import write_toml

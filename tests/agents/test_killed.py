@@ -1,16 +1,14 @@
 """The command, killed at random moments of both phases, ends in the bits of a quiet run."""
 
-import os
 import random
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 
 from minitouch_bench.agents.training_directory import CHECKPOINT_FILE
-from tests.agents.test_training import outcome, rows
+from tests.agents.trainings import outcome, rows
+from tests.commands import command
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -33,20 +31,15 @@ width = 0.25
 
 
 def start(directory, *options):
-    file = directory.parent / "settings.toml"
-    file.write_text(SETTINGS)
-    with notes_of(directory).open("a") as notes:
-        return subprocess.Popen(
-            [
-                sys.executable, "-m", "minitouch_bench", "train", "opening",
-                "--config", str(file), "--output", str(directory), "--device", "cpu", *options,
-            ],
-            stderr=notes, stdout=subprocess.DEVNULL,
-        )  # fmt: skip
+    (directory.parent / "settings.toml").write_text(SETTINGS)
+    options = ("--config", "settings.toml", "--output", directory, "--device", "cpu", *options)
+    return command.start("train", "opening", *options, directory=directory.parent)
 
 
-def notes_of(directory):
-    return directory.parent / f"{directory.name}.txt"
+def end_of(process):
+    """Return a command's exit code and what it told its user."""
+    _, told = process.communicate()
+    return process.returncode, told
 
 
 def phase(directory):
@@ -57,21 +50,22 @@ def phase(directory):
 def test_killed_at_random_moments_in_both_phases(tmp_path):
     """One of the kills meets the switch, where keypoints and new networks are learned."""
     quiet, killed = tmp_path / "quiet", tmp_path / "killed"
-    assert start(quiet).wait() == 0
+    code, told = end_of(start(quiet))
+    assert code == 0, told
     moments, options = random.Random(0), []
     for wanted in ["exploration"] * KILLS + ["switch"] + ["task"] * KILLS:
         began = time.time()
         process = start(killed, *options)
         while not is_reached(killed, wanted, began):
-            assert process.poll() is None, notes_of(killed).read_text()
+            assert process.poll() is None, end_of(process)
             time.sleep(0.02)
         time.sleep(moments.uniform(0.0, 0.3))
-        process.send_signal(signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
+        process.kill()
+        assert end_of(process)[0] == -signal.SIGKILL
         assert phase(killed) == ("task" if wanted == "task" else "exploration")
         options = ["--resume"]
-    process = start(killed, *options)
-    assert process.wait() == 0, notes_of(killed).read_text()
+    code, told = end_of(start(killed, *options))
+    assert code == 0, told
     assert outcome(killed) == outcome(quiet)
 
 
@@ -87,6 +81,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
     process = start(tmp_path / "run")
     while not rows(tmp_path / "run"):
         time.sleep(0.05)
-    os.kill(process.pid, signal.SIGINT)
-    assert process.wait() == 130
-    assert "--resume" in notes_of(tmp_path / "run").read_text()
+    process.send_signal(signal.SIGINT)
+    code, told = end_of(process)
+    assert code == 130
+    assert "--resume" in told

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from minitouch_bench import machine
 from minitouch_bench.agents import learner as learners
-from minitouch_bench.agents.config import (
-    PhaseConfig,
-    SacConfig,
-    TrainingConfig,
-)
+from minitouch_bench.agents.config import PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.keypoints import Keypoints
 from minitouch_bench.agents.learner import Learner, TouchScale, kept_size
 from minitouch_bench.agents.memory import ReplayMemory
@@ -113,14 +108,13 @@ def test_a_policy_that_learned_without_a_sense_ignores_it_everywhere(sense, keyp
     if keypoints:
         return  # its batches have keypoints in place of the images
     batch = learner._batch(memory)
-    other = {"next_image": 255.0 - batch.next_image, "next_touch": batch.next_touch.clone()}
     if sense == "vision":
-        del other["next_touch"]
+        other = replace(batch, next_image=255.0 - batch.next_image)
     else:
-        del other["next_image"]
-        other["next_touch"][:, SENSED_TOUCH[sense]] += 1.0
+        other = replace(batch, next_touch=batch.next_touch.clone())
+        other.next_touch[:, SENSED_TOUCH[sense]] += 1.0
     with torch.no_grad():
-        errors = [learner.curiosity.errors(one) for one in (batch, replace(batch, **other))]
+        errors = [learner.curiosity.errors(one) for one in (batch, other)]
     assert not torch.equal(*(one.surprise for one in errors))  # the curiosity has every sense
 
 
@@ -140,27 +134,18 @@ def test_a_blind_task_phase_stays_near_an_exploration_policy_that_sees(monkeypat
     assert not torch.allclose(prior, blind)
 
 
-# Where half precision is used
-
-FLAGS = "processor : 0\nflags : fpu avx512f {}\n"
-
-
 @pytest.mark.parametrize(
     ("flags", "has"),
     [("", False), ("avx512_bf16", True), ("avx512_vnni", False), ("avx512_bf16 amx_bf16", True)],
 )
-def test_half_precision_needs_a_processor_that_has_it(tmp_path, monkeypatch, flags, has):
-    file = tmp_path / "cpuinfo"
-    file.write_text(FLAGS.format(flags))
-    monkeypatch.setattr(machine, "CPUINFO", file)
+def test_half_precision_needs_a_processor_that_has_it(monkeypatch, flags, has):
+    monkeypatch.setattr(learners, "processor_flags", lambda: {*flags.split()})
     assert learners.has_bfloat16(torch.device("cpu")) == has
 
 
-WORKSPACE = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
-
-
 def test_the_workspace_spans_minus_one_to_one():
-    scale = TouchScale.of(WORKSPACE, torch.device("cpu"))
-    corners = torch.tensor([[*WORKSPACE.low, 0, 0, *[-10] * 6], [*WORKSPACE.high, 1, 1, *[10] * 6]])
+    workspace = Workspace((0.25, -0.2, 0.0), (0.7, 0.25, 0.04))
+    scale = TouchScale.of(workspace, torch.device("cpu"))
+    corners = torch.tensor([[*workspace.low, 0, 0, *[-10] * 6], [*workspace.high, 1, 1, *[10] * 6]])
     expected = torch.tensor([[-1.0] * 11, [1.0] * 11])
     torch.testing.assert_close(scale.scaled(corners), expected)

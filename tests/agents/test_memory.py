@@ -7,8 +7,6 @@ import torch
 from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.errors import RunDirectoryError
 
-CPU = torch.device("cpu")
-
 
 def image(number):
     return np.full((1, 84, 84), number % 256, np.uint8)
@@ -34,7 +32,7 @@ def fill(memory, episodes):
 def sample(memory, size=256, n_step=1, share=0.0, seed=0):
     return memory.sample(
         np.random.default_rng(seed), size,
-        n_step=n_step, discount=0.5, success_share=share, device=CPU,
+        n_step=n_step, discount=0.5, success_share=share, device=torch.device("cpu"),
     )  # fmt: skip
 
 

@@ -10,10 +10,8 @@ import pytest
 from minitouch_bench.agents.config import read_recorded_config
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.json_io import write_toml
-from tests.agents.test_training import outcome
-from tests.agents.trainings import CONFIG
+from tests.agents.trainings import CONFIG, break_off, outcome
 from tests.altered import ROOT
 from tests.process_tree import run_python
 
@@ -43,10 +41,8 @@ def test_the_page_s_example_trains_and_resumes_with_trust_and_the_same_file(besi
     recorded = read_recorded_config(directory / "config.toml")
     assert recorded.method_digest == hashlib.sha256(EXAMPLE.read_bytes()).hexdigest()
 
-    asked = iter(range(100))
-    stop = Callbacks(should_stop=lambda: next(asked) == 17)
     again = beside / "again"
-    assert not run_training(OWN, again, device="cpu", trust=True, callbacks=stop)
+    break_off(again, 17, OWN, trust=True)
     with pytest.raises(UsageError, match="--trust"):
         run_training(OWN, again, resume=True, device="cpu")
     assert run_training(OWN, again, resume=True, device="cpu", trust=True)

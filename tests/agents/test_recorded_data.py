@@ -17,7 +17,7 @@ from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import Callbacks
-from tests.agents.trainings import CONFIG
+from tests.agents.trainings import CONFIG, break_off
 
 LENGTHS = (4, 7)
 
@@ -25,10 +25,8 @@ LENGTHS = (4, 7)
 def write_log(path, touch_size=11, dense=False):
     spaces = gymnasium.spaces
     observation = spaces.Dict(
-        {
-            "image": spaces.Box(0, 255, (1, 84, 84), np.uint8),
-            "touch": spaces.Box(-50, 50, (touch_size,), np.float32),
-        }
+        image=spaces.Box(0, 255, (1, 84, 84), np.uint8),
+        touch=spaces.Box(-50, 50, (touch_size,), np.float32),
     )
     action = spaces.Box(-1, 1, (4,), np.float32)
     storage = MinariStorage.new(path, observation, action, jpeg_encoding=False)
@@ -60,18 +58,19 @@ def test_the_memory_holds_every_recorded_step_and_success(tmp_path, dense):
     assert led == [*range(4), *range(5, 12)]
 
 
-def test_a_log_of_another_form_is_refused(tmp_path):
-    write_log(tmp_path / "log", touch_size=3)
-    with pytest.raises(UsageError, match="touch"):
-        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "log", 4)
-    with pytest.raises(UsageError, match="is not a Minari dataset"):
-        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "nothing", 4)
+def is_refused(path, words="is not a Minari dataset", capacity=100):
+    """Check that a memory refuses a dataset in one line with these words."""
+    with pytest.raises(UsageError, match=words) as refused:
+        fill_from_dataset(ReplayMemory(capacity, 11, 4), path, 4)
+    assert len(str(refused.value).splitlines()) == 1
 
 
-def test_a_log_larger_than_the_memory_is_refused(tmp_path):
+def test_a_log_of_another_form_or_larger_than_the_memory_is_refused(tmp_path):
+    is_refused(tmp_path / "nothing")
     write_log(tmp_path / "log")
-    with pytest.raises(UsageError, match="replay_size"):
-        fill_from_dataset(ReplayMemory(10, 11, 4), tmp_path / "log", 4)
+    is_refused(tmp_path / "log", "replay_size", capacity=10)
+    write_log(tmp_path / "other", touch_size=3)
+    is_refused(tmp_path / "other", "touch")
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:1/log", "hf://a/b"])
@@ -83,17 +82,6 @@ def test_a_file_of_settings_names_no_server(tmp_path, monkeypatch, address):
     with pytest.raises(UsageError, match="is not a Minari dataset"):
         mt.train("pushing", config=settings, output=output, device="cpu")
     assert tried == []
-
-
-# A damaged dataset
-
-
-def spoiled(path, change):
-    """Write a dataset and let ``change`` spoil its data."""
-    write_log(path, dense=True)
-    with h5py.File(path / "main_data.hdf5", "r+") as file:
-        change(file["episode_1"])
-    return path
 
 
 def put(name, value):
@@ -132,19 +120,17 @@ SPOILED = {
 
 @pytest.mark.parametrize("name", SPOILED)
 def test_a_spoiled_dataset_is_refused_in_one_line(tmp_path, name):
-    path = spoiled(tmp_path / "log", SPOILED[name])
-    with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_dataset(ReplayMemory(100, 11, 4), path, 4)
-    assert len(str(refused.value).splitlines()) == 1
+    write_log(tmp_path / "log", dense=True)
+    with h5py.File(tmp_path / "log" / "main_data.hdf5", "r+") as file:
+        SPOILED[name](file["episode_1"])
+    is_refused(tmp_path / "log")
 
 
 @pytest.mark.parametrize("text", ["", '{"total_episodes": "many"}'])
 def test_odd_metadata_are_refused_in_one_line(tmp_path, text):
     write_log(tmp_path / "log")
     (tmp_path / "log" / "metadata.json").write_text(text)
-    with pytest.raises(UsageError, match="is not a Minari dataset") as refused:
-        fill_from_dataset(ReplayMemory(100, 11, 4), tmp_path / "log", 4)
-    assert len(str(refused.value).splitlines()) == 1
+    is_refused(tmp_path / "log")
 
 
 def config_with_log(tmp_path, method="hac"):
@@ -155,20 +141,17 @@ def config_with_log(tmp_path, method="hac"):
 
 
 def test_exploration_learns_from_the_log_alone_and_the_task_from_the_world(tmp_path):
-    config = config_with_log(tmp_path)
-    rows, broken = [], tmp_path / "broken"
-    shown = Callbacks(row=rows.append)
-    assert run_training(config, tmp_path / "run", device="cpu", callbacks=shown)
+    config, rows = config_with_log(tmp_path), []
+    callbacks = Callbacks(row=rows.append)
+    assert run_training(config, tmp_path / "run", device="cpu", callbacks=callbacks)
     assert [row.step for row in rows] == [5, 8, 10, 13]  # no row is of both phases
     assert [row.phase for row in rows] == ["exploration"] * 2 + ["task"] * 2
     assert all(row.critic_loss is not None for row in rows)
     for row in rows:
         assert [row.touch_share is None, row.task_reward is None] == [row.phase != "task"] * 2
 
-    asked = iter([False] * 7 + [True])
-    stopped = Callbacks(should_stop=lambda: next(asked))
-    assert not run_training(config, broken, device="cpu", callbacks=stopped)
-    assert run_training(config, broken, resume=True, device="cpu", callbacks=shown)
+    break_off(tmp_path / "broken", 7, config)
+    assert run_training(config, tmp_path / "broken", resume=True, device="cpu")
     files = [tmp_path / name / "final.safetensors" for name in ("run", "broken")]
     assert files[0].read_bytes() == files[1].read_bytes()
 

@@ -1,19 +1,16 @@
+from dataclasses import replace
+
 import torch
 
 from minitouch_bench.agents.config import PhaseConfig, SacConfig
 from minitouch_bench.agents.sac import Sac, shift_at_random
 from tests.agents.batches import random_batch
 
-CONFIG = SacConfig(bfloat16=False)
 
-
-PHASE = PhaseConfig(10)
-
-
-def make(phase=PHASE, config=CONFIG):
+def make(**phase):
     torch.manual_seed(0)
-    sac = Sac(config, action_size=4, touch_size=11)
-    sac.begin_phase(phase)
+    sac = Sac(SacConfig(bfloat16=False), action_size=4, touch_size=11)
+    sac.begin_phase(PhaseConfig(10, **phase))
     return sac
 
 
@@ -26,9 +23,8 @@ def weights(module):
 
 
 def test_critics_learn_the_reward_where_nothing_follows():
-    sac, batch, noise = make(PhaseConfig(10, learning_rate=1e-3)), random_batch(), generator()
-    over = torch.zeros(8)
-    final = type(batch)(**{**vars(batch), "discount": over})
+    sac, noise = make(learning_rate=1e-3), generator()
+    final = replace(random_batch(), discount=torch.zeros(8))
     losses = [
         float(sac.update(final, final.task_reward, noise, 0)["critic_loss"]) for _ in range(25)
     ]
@@ -36,7 +32,7 @@ def test_critics_learn_the_reward_where_nothing_follows():
 
 
 def test_the_actors_loss_leaves_encoder_and_critics_alone():
-    sac = make(PhaseConfig(10, learning_rate=0.0))
+    sac = make(learning_rate=0.0)
     sac.optimizers["actor"].param_groups[0]["lr"] = 1e-3
     before = weights(sac.encoder), weights(sac.critics), weights(sac.actor)
     batch = random_batch()
@@ -49,7 +45,7 @@ def test_the_actors_loss_leaves_encoder_and_critics_alone():
 def test_fitting_moves_the_policy_to_the_prior_alone():
     batch = random_batch()
     for prior in (None, torch.zeros(8, 8)):
-        sac = make(PhaseConfig(10, learning_rate=1e-3))
+        sac = make(learning_rate=1e-3)
         before = weights(sac.actor), sac.log_temperature.item(), weights(sac.critics)
         far = sac.gaussian(batch.image, batch.touch).square().mean()
         losses = sac.update(batch, batch.task_reward, generator(), 0, prior=prior, fitting=True)

@@ -1,6 +1,5 @@
 """A training that is broken off and resumed ends in the same bits."""
 
-import csv
 import shutil
 import struct
 from dataclasses import replace
@@ -13,24 +12,10 @@ from minitouch_bench.agents.config import PhaseConfig
 from minitouch_bench.agents.curiosity import CURIOSITIES
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import RunDirectoryError, UsageError
-from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.policies.native import load_native
 from minitouch_bench.policies.policy import PolicySource
 from minitouch_bench.policies.sources import TRAINED_FILE
-from tests.agents.trainings import CONFIG, stop_at_once
-
-
-def rows(directory):
-    """Return the rows that there are, without their seconds."""
-    file = directory / "progress.csv"
-    table = csv.DictReader(file.read_text().splitlines() if file.exists() else ())
-    return [{**row, "seconds": ""} for row in table]
-
-
-def outcome(directory):
-    """Return what must not depend on interruptions: every row but its seconds, the policies."""
-    policies = (directory / f"{one}.safetensors" for one in ("exploration", "final"))
-    return rows(directory), [policy.read_bytes() for policy in policies]
+from tests.agents.trainings import CONFIG, break_off, outcome, rows
 
 
 def test_it_leaves_two_policies_and_its_curves(undisturbed):
@@ -61,27 +46,6 @@ def test_its_events_are_tensorboard_s(undisturbed):
     assert {"task/touch_share", "task/critic_loss"} <= tags
 
 
-class KilledError(Exception):
-    """Stands for a kill: nothing is saved on the way out."""
-
-
-def break_off(directory, after, *, kill=False, config=CONFIG):
-    asked = iter(range(10**6))
-
-    def should_stop():
-        if next(asked) < after:
-            return False
-        if kill:
-            raise KilledError
-        return True
-
-    watched = Callbacks(should_stop=should_stop)
-    try:
-        assert not run_training(config, directory, resume=True, device="cpu", callbacks=watched)
-    except KilledError:
-        assert kill
-
-
 # In both phases, or before the first checkpoint.
 @pytest.mark.parametrize(("steps", "kill"), [([17, 24], True), ([17, 24], False), ([6], True)])
 def test_resumed_it_ends_in_the_same_bits(tmp_path, undisturbed, steps, kill):
@@ -103,7 +67,7 @@ def test_every_method_is_resumed_in_both_phases(tmp_path, method, updates):
     config = replace(CONFIG, method=method, evaluate_every=0, task_phase=phase)
     quiet, stopped = (tmp_path / name for name in ("quiet", "stopped"))
     for step in (14, 24):
-        break_off(stopped, step, config=config)
+        break_off(stopped, step, config)
     for directory in (quiet, stopped):
         assert run_training(config, directory, resume=True, device="cpu")
     assert (quiet / TRAINED_FILE).read_bytes() == (stopped / TRAINED_FILE).read_bytes()
@@ -124,12 +88,7 @@ def test_it_can_be_made_longer(tmp_path, undisturbed, explored, trained):
 
 
 def test_exploration_alone_leaves_both_policies(tmp_path):
-    short = {
-        "random_steps": 4,
-        "exploration": {"steps": 8},
-        "task_phase": {"steps": 0},
-        "sac": {"batch_size": 4},
-    }
+    short = {"random_steps": 4, "exploration": {"steps": 8}, "sac": {"batch_size": 4}}
     found = mt.train("playing", "rnd", settings=short, output=tmp_path, device="cpu")
     assert found == tmp_path
     _, (exploration, final) = outcome(tmp_path)
@@ -153,12 +112,12 @@ def test_a_mistake_leaves_the_directory_free(tmp_path):
         run_training(replace(CONFIG, objects="typo"), tmp_path, device="cpu")
     with pytest.raises(UsageError, match="is not a Minari dataset"):
         run_training(replace(CONFIG, dataset="typo"), tmp_path, device="cpu")
-    stop_at_once(tmp_path)
+    break_off(tmp_path, 0)
 
 
 def test_stopped_before_its_first_row_it_leaves_no_page(tmp_path):
     break_off(tmp_path, 6, kill=True)
-    stop_at_once(tmp_path)
+    break_off(tmp_path, 0)
     assert not (tmp_path / "progress.csv").exists()
     assert not (tmp_path / "report.html").exists()
 
@@ -167,6 +126,6 @@ def test_the_policy_of_a_shorter_training_does_not_stand_for_the_longer(undistur
     directory = tmp_path / "longer"
     shutil.copytree(undisturbed, directory)
     policy = (directory / "final.safetensors").read_bytes()
-    stop_at_once(directory, replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30)))
+    break_off(directory, 0, replace(CONFIG, task_phase=replace(CONFIG.task_phase, steps=30)))
     assert not (directory / "final.safetensors").exists()
     assert (directory / "final_50_steps.safetensors").read_bytes() == policy

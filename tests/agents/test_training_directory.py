@@ -17,9 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
-from minitouch_bench.evaluation.engine import Callbacks
-from tests.agents.test_training import KilledError, break_off, outcome
-from tests.agents.trainings import CONFIG, stop_at_once
+from tests.agents.trainings import CONFIG, KilledError, break_off, outcome
 from tests.shapegen.conftest import subset
 
 
@@ -32,38 +30,34 @@ def broken_off(tmp_path_factory):
 
 @pytest.fixture
 def prepared(broken_off, tmp_path):
-    shutil.copytree(broken_off, tmp_path / "run")
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "letter.txt").write_text("dear diary")
-    return tmp_path / "run"
+    return shutil.copytree(broken_off, tmp_path / "run")
 
 
-def mine(directory):
-    return directory.parent / "mine" / "letter.txt"
+def contents(directory):
+    return {file: file.read_bytes() for file in directory.rglob("*") if file.is_file()}
 
 
 @pytest.mark.parametrize("name", ["final.safetensors", "config.toml", "letter.txt"])
 @pytest.mark.parametrize("resume", [True, False])
 def test_what_another_training_or_a_user_left_is_not_replaced(prepared, name, resume):
     (prepared / name).write_text("dear diary")
-    before = {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()}
+    before = contents(prepared)
     with pytest.raises(RunDirectoryError) as refused:
         run_training(replace(CONFIG, seed=1), prepared, resume=resume, device="cpu")
     assert refused.value.exit_code == 6
     assert len(str(refused.value).splitlines()) <= 2
-    if resume and name != "config.toml":
+    if not resume:
+        assert "--resume" in str(refused.value).splitlines()[1]
+    elif name != "config.toml":
         assert "seed: 0 there, 1 asked for" in str(refused.value)
-    assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
+    assert contents(prepared) == before
 
 
-@pytest.mark.parametrize(("resume", "advice"), [(False, "--resume"), (True, "no training")])
-def test_a_directory_that_is_not_empty_is_refused(tmp_path, resume, advice):
-    left = "config.toml" if advice == "--resume" else "final.safetensors"
-    (tmp_path / left).write_text("dear diary")
-    with pytest.raises(RunDirectoryError, match=left) as refused:
-        run_training(CONFIG, tmp_path, resume=resume, device="cpu")
-    assert advice in str(refused.value).splitlines()[1]
-    assert [file.name for file in tmp_path.iterdir()] == [left]
+def test_a_directory_without_settings_contains_no_training_to_resume(tmp_path):
+    (tmp_path / "final.safetensors").write_text("dear diary")
+    with pytest.raises(RunDirectoryError, match=r"final\.safetensors.*\n.*no training"):
+        run_training(CONFIG, tmp_path, resume=True, device="cpu")
+    assert [file.name for file in tmp_path.iterdir()] == ["final.safetensors"]
 
 
 @pytest.mark.parametrize("line", ["seed = 0\n", 'objects = ""\n', "discount = 0.99\n"])
@@ -78,37 +72,33 @@ def test_a_resumed_training_has_every_setting_recorded(prepared, line):
 
 def test_events_are_written_into_no_other_folder(prepared):
     shutil.rmtree(prepared / "events", ignore_errors=True)
-    (prepared / "events").symlink_to(mine(prepared).parent)
+    mine = prepared.with_name("mine")
+    mine.mkdir()
+    (prepared / "events").symlink_to(mine)
     with pytest.raises(InfrastructureError, match="events"):
-        stop_at_once(prepared)
-    assert [file.name for file in mine(prepared).parent.iterdir()] == ["letter.txt"]
+        break_off(prepared, 0)
+    assert [*mine.iterdir()] == []
 
 
 def test_a_fresh_training_replaces_one(prepared):
     config = (prepared / "config.toml").read_text()
     with pytest.raises(UsageError, match="--fresh"):
         run_training(CONFIG, prepared, resume=True, fresh=True, device="cpu")
-    stopped = Callbacks(should_stop=lambda: True)
-    other = replace(CONFIG, seed=CONFIG.seed + 1)
-    run_training(other, prepared, fresh=True, device="cpu", callbacks=stopped)
+    break_off(prepared, 0, replace(CONFIG, seed=1), resume=False, fresh=True)
     assert (prepared / "config.toml").read_text() != config
 
 
 @pytest.mark.parametrize(
-    ("changes", "letter", "word"),
-    [
-        ({}, "letter.txt", "letter"),
-        ({"objects": "typo"}, "", "typo"),
-        ({"dataset": "nowhere"}, "", "nowhere"),
-    ],
+    ("changes", "word"),
+    [({}, "letter.txt"), ({"objects": "typo"}, "typo"), ({"dataset": "nowhere"}, "nowhere")],
 )
-def test_a_fresh_training_that_is_refused_removes_nothing(prepared, changes, letter, word):
-    if letter:
-        (prepared / letter).write_text("mine")
-    before = {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()}
+def test_a_fresh_training_that_is_refused_removes_nothing(prepared, changes, word):
+    if not changes:
+        (prepared / word).write_text("mine")
+    before = contents(prepared)
     with pytest.raises(MiniTouchError, match=word):
         run_training(replace(CONFIG, **changes), prepared, fresh=True, device="cpu")
-    assert {file: file.read_bytes() for file in prepared.rglob("*") if file.is_file()} == before
+    assert contents(prepared) == before
 
 
 def test_the_caller_s_settings_of_torch_change_nothing_and_stay(tmp_path, undisturbed):
@@ -125,14 +115,14 @@ def test_the_caller_s_settings_of_torch_change_nothing_and_stay(tmp_path, undist
 
 def test_a_training_is_not_resumed_with_other_objects(tmp_path):
     config = replace(CONFIG, objects=str(subset(tmp_path / "set", 3)))
-    stop_at_once(tmp_path / "run", config)
+    break_off(tmp_path / "run", 0, config)
     (tmp_path / "set").rename(tmp_path / "away")
     subset(tmp_path / "set", 4)
     with pytest.raises(RunDirectoryError, match="not the set of objects"):
-        stop_at_once(tmp_path / "run", config)
+        break_off(tmp_path / "run", 0, config)
     shutil.rmtree(tmp_path / "set")
     (tmp_path / "away").rename(tmp_path / "set")
-    stop_at_once(tmp_path / "run", config)
+    break_off(tmp_path / "run", 0, config)
 
 
 def test_a_training_without_a_step_is_refused(tmp_path):
@@ -142,29 +132,20 @@ def test_a_training_without_a_step_is_refused(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-# A training that diverges
-
-DIVERGING = replace(
-    CONFIG,
-    exploration=replace(CONFIG.exploration, learning_rate=1e6),
-    evaluate_every=0,
-)
-
-
 def test_a_training_that_diverges_says_so(tmp_path):
+    diverging = replace(CONFIG, exploration=replace(CONFIG.exploration, learning_rate=1e6))
     with pytest.raises(UsageError, match=r"diverged after step \d+: the action .* NaN") as stopped:
-        run_training(DIVERGING, tmp_path / "run", device="cpu")
+        run_training(diverging, tmp_path / "run", device="cpu")
     assert "smaller learning_rate" in str(stopped.value)
 
 
 def test_a_policy_that_diverges_after_its_last_action_is_not_kept(tmp_path):
+    how = {"learning_rate": 1e6, "updates_per_step": 20.0, "keypoint_updates": 0}
     late = replace(
         CONFIG,
         random_steps=CONFIG.steps - 1,
         evaluate_every=0,
-        task_phase=replace(
-            CONFIG.task_phase, learning_rate=1e6, updates_per_step=20.0, keypoint_updates=0
-        ),
+        task_phase=replace(CONFIG.task_phase, **how),
     )
     with pytest.raises(UsageError, match="diverged after step 50: a weight of the policy is NaN"):
         run_training(late, tmp_path / "run", device="cpu")
@@ -201,11 +182,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
         run_training(CONFIG, prepared, fresh=True, device="cpu")
     assert not (prepared / "checkpoint.pt").exists()
     monkeypatch.undo()
-    stopped = Callbacks(should_stop=lambda: True)
-    assert not run_training(CONFIG, prepared, fresh=True, device="cpu", callbacks=stopped)
-
-
-# A full disk
+    break_off(prepared, 0, resume=False, fresh=True)
 
 
 @pytest.mark.parametrize(
@@ -220,8 +197,7 @@ def test_a_replacement_that_is_broken_off_can_be_asked_for_again(prepared, monke
 def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     undisturbed, tmp_path, monkeypatch, place
 ):
-    """``kept``: how often the file is written before."""
-    module, name, kept = place
+    module, name, kept = place  # how often the file is written before
     write, calls = module.write_file, []
 
     def fill(path, content):
@@ -239,9 +215,6 @@ def test_a_full_disk_keeps_the_last_checkpoint_and_says_how_to_go_on(
     monkeypatch.undo()
     assert run_training(CONFIG, tmp_path / "run", resume=True, device="cpu")
     assert outcome(tmp_path / "run") == outcome(undisturbed)
-
-
-# A damaged checkpoint
 
 
 def flipped(content):
@@ -266,19 +239,17 @@ def test_a_damaged_checkpoint_is_named(prepared, name, damage):
         run_training(CONFIG, prepared, resume=True, device="cpu")
 
 
-def changed(directory, **values):
-    """Write the checkpoint again with other values; one that is None is left out."""
-    state = torch.load(directory / "checkpoint.pt", weights_only=True) | values
-    left = {name: value for name, value in state.items() if value is not None}
-    torch.save(left, directory / "checkpoint.pt")
-
-
 @pytest.mark.parametrize(
-    ("values", "word"),
-    [({"version": 0}, "version 0"), ({"step": None}, "step")],
+    ("change", "word"),
+    [
+        (lambda state: state.update(version=0), "version 0"),
+        (lambda state: state.pop("step"), "step"),
+    ],
 )
-def test_a_checkpoint_of_another_form_is_refused(prepared, values, word):
-    changed(prepared, **values)
+def test_a_checkpoint_of_another_form_is_refused(prepared, change, word):
+    state = torch.load(prepared / "checkpoint.pt", weights_only=True)
+    change(state)
+    torch.save(state, prepared / "checkpoint.pt")
     with pytest.raises(RunDirectoryError, match=rf"checkpoint\.pt cannot be .*{word}") as refused:
-        stop_at_once(prepared)
+        break_off(prepared, 0)
     assert len(str(refused.value).splitlines()) == 1

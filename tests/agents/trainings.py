@@ -1,6 +1,8 @@
 """A training that takes seconds."""
 
-from pathlib import Path
+import contextlib
+import csv
+import itertools
 
 from minitouch_bench.agents.config import CuriosityConfig, PhaseConfig, SacConfig, TrainingConfig
 from minitouch_bench.agents.training_directory import run_training
@@ -28,9 +30,34 @@ CONFIG = TrainingConfig(
 )
 
 
-def stop_at_once(directory: Path, config: TrainingConfig = CONFIG) -> list[str]:
-    """Begin or resume a training that is asked to stop before its next step; return its notes."""
-    notes: list[str] = []
-    callbacks = Callbacks(note=notes.append, should_stop=lambda: True)
-    assert not run_training(config, directory, resume=True, device="cpu", callbacks=callbacks)
-    return notes
+class KilledError(Exception):
+    """Stands for a kill: nothing is saved on the way out."""
+
+
+def break_off(directory, after, config=CONFIG, *, kill=False, **options):
+    """Begin or resume a training that is asked to stop, or killed, ``after`` some control steps."""
+    asked = itertools.count()
+
+    def should_stop():
+        is_due = next(asked) == after
+        if is_due and kill:
+            raise KilledError
+        return is_due
+
+    callbacks = Callbacks(should_stop=should_stop)
+    options = {"resume": True, "device": "cpu", **options}
+    with contextlib.suppress(KilledError):
+        assert not run_training(config, directory, callbacks=callbacks, **options)
+
+
+def rows(directory):
+    """Return the rows that there are, without their seconds."""
+    file = directory / "progress.csv"
+    table = csv.DictReader(file.read_text().splitlines() if file.exists() else ())
+    return [{**row, "seconds": ""} for row in table]
+
+
+def outcome(directory):
+    """Return what must not depend on interruptions: every row but its seconds, the policies."""
+    policies = (directory / f"{one}.safetensors" for one in ("exploration", "final"))
+    return rows(directory), [policy.read_bytes() for policy in policies]

@@ -23,10 +23,13 @@ def die_if_due(*above: str) -> None:
 
 
 class Still:
+    steps = 0
+
     def reset(self, seed, task):
         self.task = task
 
     def act(self, observation):
+        self.steps += 1
         return np.zeros(5, np.float32)
 
 
@@ -43,10 +46,8 @@ class Greedy(Still):
 class Sensitive(Still):
     """Acts on every number that it senses, and is at fault at its fourth step."""
 
-    steps = 0
-
     def act(self, observation):
-        self.steps += 1
+        super().act(observation)
         if self.steps == 4:
             raise ValueError("seen enough")
         seen = [observation["image"].astype(float).std(), *observation["touch"].astype(float)]
@@ -56,10 +57,8 @@ class Sensitive(Still):
 class FaultInPushing(Still):
     """Is at fault at the third step, in one task."""
 
-    steps = 0
-
     def act(self, observation):
-        self.steps += 1
+        super().act(observation)
         return np.full(5, np.nan if self.task == "pushing" and self.steps == 3 else 0.1, np.float32)
 
 
@@ -120,10 +119,7 @@ class KillsItsWorkerOnce(Still):
 class IsKilled(Still):
     """Is killed at its third step, so many times as a file says."""
 
-    steps = 0
-
     def act(self, observation):
-        self.steps += 1
-        if self.steps == 3:
+        if self.steps == 2:
             die_if_due()
         return super().act(observation)

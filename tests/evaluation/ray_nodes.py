@@ -49,11 +49,11 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def head(cpus: int = 1) -> Iterator[str]:
+def head() -> Iterator[str]:
     """Run a head and yield the cluster's address."""
     port = free_port()
     folder = tempfile.mkdtemp(prefix="ray-")  # pytest's own are too long for sockets
-    options = ("--head", f"--port={port}", f"--num-cpus={cpus}", f"--temp-dir={folder}")
+    options = ("--head", f"--port={port}", "--num-cpus=1", f"--temp-dir={folder}")
     node = Node(*options, "--include-dashboard=false")
     try:
         address = f"127.0.0.1:{port}"
@@ -76,10 +76,10 @@ def joined(address: str, total: int, **variables: str) -> Iterator[Node]:
         wait_for_nodes(address, total - 1)
 
 
-def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
+def wait_for_nodes(address: str, count: int) -> None:
     """Wait until so many nodes are alive; from within a connection, or by making one."""
     ray = sys.modules.get("ray")
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + 60.0
     while True:
         assert time.monotonic() < deadline
         if ray is not None and ray.is_initialized():
@@ -92,5 +92,5 @@ def wait_for_nodes(address: str, count: int, seconds: float = 60.0) -> None:
         time.sleep(0.2)
 
 
-def engine_at(address: str | None, workers: int | None = None) -> AbstractContextManager[Engine]:
-    return open_engine("ray", workers, address)
+def engine_at(address: str | None) -> AbstractContextManager[Engine]:
+    return open_engine("ray", address=address)

@@ -1,6 +1,5 @@
 """The suite with the light off: what a policy sees, what is official, and what is refused."""
 
-import numpy as np
 import pytest
 
 from minitouch_bench.errors import UsageError
@@ -9,20 +8,18 @@ from minitouch_bench.perturbation import UNPERTURBED, Perturbation, parse_pertur
 from minitouch_bench.protocol.minitouch import DARK
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.tasks.environment import MiniTouchEnv
+from tests.evaluation.misbehaved import Still
 
 
-class Watching:
-    """Remembers the brightest pixel that it is shown, and gives up after three actions."""
+class Watching(Still):
+    """Remembers the brightest pixel that it is shown, and is at fault at its third step."""
 
     brightest = -1
 
-    def reset(self, seed, task):
-        self.left = 3
-
     def act(self, observation):
         self.brightest = max(self.brightest, int(observation["image"].max()))
-        self.left -= 1
-        return np.zeros(5, np.float32) if self.left else np.zeros(1, np.float32)
+        action = super().act(observation)
+        return action if self.steps < 3 else action[:1]
 
 
 @pytest.mark.parametrize(

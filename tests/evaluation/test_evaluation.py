@@ -29,16 +29,11 @@ from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.simulation.builds import BUILDS
 from tests.evaluation.runs import digests, request, run
 
-KEYS = ["pushing/0", "pushing/1", "opening/0", "opening/1", "pick-up/0", "pick-up/1"]
 
-
-def test_a_run_holds_every_episode_in_the_suite_s_order(finished):
-    done, _ = finished
-    assert [spec.key for spec, _ in done.specs_and_rows()] == KEYS
-    assert {row.outcome for row in done.rows} == {Outcome.SUCCESS}
-    assert done.header.official is False
-    assert done.environment.workers == 1
-    assert done.environment.packages.items() >= installed_versions(BUILDS).items()
+def test_a_run_names_its_workers_and_the_build_of_its_simulator(finished):
+    environment = finished[0].environment
+    assert environment.workers == 1
+    assert environment.packages.items() >= installed_versions(BUILDS).items()
 
 
 def begin(source, target, count):
@@ -262,7 +257,6 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
     ]
 
 
-def test_a_built_in_policy_has_not_explored_however_it_is_named():
-    for name in ("random", Path("random")):
-        with pytest.raises(UsageError, match="leave it out"):
-            evaluate("zero", exploration=name, suite="smoke", tasks="pushing")
+def test_a_built_in_policy_has_not_explored_named_by_a_path_either():
+    with pytest.raises(UsageError, match="leave it out"):
+        evaluate("zero", exploration=Path("random"), suite="smoke", tasks="pushing")

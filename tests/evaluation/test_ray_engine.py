@@ -9,11 +9,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from minitouch_bench.errors import (
-    CheckpointChangedError,
-    InfrastructureError,
-    UsageError,
-)
+from minitouch_bench.errors import CheckpointChangedError, InfrastructureError, UsageError
 from minitouch_bench.evaluation.execution import header_of
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import pack_source

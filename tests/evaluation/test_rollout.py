@@ -33,22 +33,19 @@ def environment(request):
     made.close()
 
 
-class Failing(ScriptedPolicy):
-    """Fails in the fourth act, or at the beginning."""
+class Failing(Still):
+    """Fails after so many actions; after none, when the episode begins."""
 
-    def __init__(self, environment, error, at_once=False):
-        super().__init__(lambda _: environment)
-        self._error, self._at_once, self._acts = error, at_once, 0
+    def __init__(self, error, actions):
+        self.error, self.actions = error, actions
 
     def reset(self, seed, task):
-        if self._at_once:
-            raise self._error
-        super().reset(seed, task)
+        if not self.actions:
+            raise self.error
 
     def act(self, observation):
-        self._acts += 1
-        if self._acts == 4:
-            raise self._error
+        if self.steps == self.actions:
+            raise self.error
         return super().act(observation)
 
 
@@ -80,16 +77,15 @@ def test_a_trace_has_one_row_a_step(environment):
 
 @pytest.mark.parametrize("environment", ["pushing"], indirect=True)
 @pytest.mark.parametrize(
-    ("error", "acts"),
+    ("error", "actions"),
     [(InvalidActionError("NaN"), 3), (PolicyTimeoutError("late"), 3), (PolicyLoadError("gone"), 0)],
 )
-def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error, acts):
-    policy = Failing(environment, error, at_once=not acts)
-    record = run_episode(environment, policy, SPECS["pushing"])
+def test_a_fault_ends_the_episode_and_keeps_what_was(environment, error, actions):
+    record = run_episode(environment, Failing(error, actions), SPECS["pushing"])
     assert record.outcome is Outcome.POLICY_FAULT
     assert record.fault == str(error)
-    assert record.trace.actions.shape == (acts, 4)
-    assert record.trace.touch.shape == (acts + 1, 11)
+    assert record.trace.actions.shape == (actions, 4)
+    assert record.trace.touch.shape == (actions + 1, 11)
 
 
 def test_an_episode_waits_for_its_server_and_the_machine_is_at_fault_if_it_stays_away(monkeypatch):

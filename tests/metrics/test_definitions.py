@@ -1,6 +1,3 @@
-from dataclasses import fields
-
-from minitouch_bench.episode import Episode, EpisodeSpec
 from minitouch_bench.metrics.definitions import (
     METRICS,
     UP,
@@ -9,13 +6,6 @@ from minitouch_bench.metrics.definitions import (
     ranking_metric,
 )
 from minitouch_bench.protocol.minitouch import TASK_NAMES
-
-MEASURED = [metric.field or metric.name for metric in METRICS.values() if metric.measure]
-
-
-def test_every_field_of_an_episode_is_its_identity_or_measured_once():
-    identity = {"outcome", "start", "digest"} | {f.name for f in fields(EpisodeSpec)} - {"role"}
-    assert sorted(MEASURED) == sorted({f.name for f in fields(Episode)} - identity)
 
 
 def test_table4_has_the_rows_of_the_paper_and_what_playing_is_ranked_by():

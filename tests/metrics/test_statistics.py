@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minitouch_bench.metrics.intervals import NORMAL_QUANTILE, newcombe, wilson
+from minitouch_bench.metrics.intervals import NORMAL_QUANTILE
 from minitouch_bench.metrics.statistics import (
     MEAN,
-    SHARE,
     holm,
     mcnemar_p,
     score_statistic,
@@ -20,17 +19,6 @@ def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-def test_a_share_has_wilson_newcombe_tango_and_mcnemar():
-    first, second = np.zeros(20), np.zeros(20)
-    first[:12] = 1
-    second[10:15] = 1
-    assert SHARE.estimate(first.tolist(), rng()) == wilson(12, 20)
-    assert SHARE.difference(first, second, rng()) == newcombe(wilson(12, 20), wilson(5, 20))
-    found = SHARE.paired_test(first, second, rng())
-    assert (found.estimate.method, found.estimate.value) == ("tango", pytest.approx(-0.35))
-    assert found.p_value == mcnemar_p(10, 3)
-
-
 def test_a_mean_has_the_bootstrap_and_flips_of_signs():
     first, second = rng(1).gamma(2, 30, 80), rng(2).gamma(2, 40, 80)
     found = MEAN.paired_test(first, second, rng(5))
@@ -38,9 +26,6 @@ def test_a_mean_has_the_bootstrap_and_flips_of_signs():
     assert found.estimate.value == pytest.approx((second - first).mean())
     assert found.p_value == pytest.approx(sign_flip_p(second - first, rng(6)), abs=0.02)
     assert MEAN.difference(first, second, rng()).value == pytest.approx((first - second).mean())
-
-
-# The paired test of a mean
 
 
 def paired_mean(differences, generator):
@@ -68,9 +53,6 @@ def test_signs_are_tried_all_or_drawn_with_the_same_result():
     exact = sign_flip_p(values, rng())
     drawn = sign_flip_p(np.concatenate((values, [1e-9])), rng(), resamples=20_000)
     assert drawn == pytest.approx(exact, abs=0.012)
-
-
-# The tests of shares, and of several
 
 
 def test_mcnemar_is_the_binomial_test_of_scipy():

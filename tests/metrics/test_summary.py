@@ -6,13 +6,7 @@ import pytest
 from minitouch_bench.episode import EpisodeSpec, Outcome, PlayedEpisode, Role, Start, Trace
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import EPISODE_COLUMNS, episode_row, measure, summarize
-from tests.reporting.synthetic import (
-    make_run,
-    measured,
-    rows_of,
-    summary_of,
-    with_fault,
-)
+from tests.reporting.synthetic import make_run, measured, rows_of, summary_of, with_fault
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 3, 42, 0, "mug-017")
 START = Start((0.5, 0.1, 0.0), 1.5, (0.6, 0.1), (0.4, 0.0, 0.02))
@@ -42,9 +36,8 @@ def test_every_metric_follows_its_definition():
     found = measure(PlayedEpisode(SPEC, Outcome.SUCCESS, START, make_trace()))
     assert (found.task, found.index, found.seed, found.shape) == ("pushing", 3, 42, "mug-017")
     assert (found.outcome, found.success, found.start) == (Outcome.SUCCESS, True, START)
-    assert (found.steps, found.ticks, found.episode_return, found.clipped_actions) == (
-        3, 180, 25, 2,
-    )  # fmt: skip
+    assert (found.steps, found.ticks) == (3, 180)
+    assert (found.episode_return, found.clipped_actions) == (25, 2)
     assert (found.touch_interaction, found.touch_onsets, found.touch_steps) == (42, 3, 2)
     assert found.touch_variance == pytest.approx(1 / 6)
     assert found.object_movement == pytest.approx(1.25)
@@ -100,9 +93,8 @@ def test_other_tasks_do_not_change_an_estimate():
 def test_a_goal_task_has_every_metric_and_playing_those_of_touch():
     tasks = by_task(make_run(episodes=20, skill=0.7))
     pushing, playing = tasks["pushing"], tasks["playing"]
-    assert set(pushing.estimates) - set(playing.estimates) == {
-        "success", "exploration", "episode_steps", "steps_to_success",
-    }  # fmt: skip
+    of_a_goal = {"success", "exploration", "episode_steps", "steps_to_success"}
+    assert set(pushing.estimates) - set(playing.estimates) == of_a_goal
     assert set(pushing.estimates) == set(METRICS)
     methods = [pushing.estimates[name].method for name in ("success", "touched", "episode_steps")]
     assert methods == ["wilson", "wilson", "bootstrap"]

@@ -57,12 +57,9 @@ def test_what_are_no_actions_is_refused_before_it_is_unpacked(tmp_path, monkeypa
     assert not Path("executed").exists()
 
 
-MORE_THAN_THERE_IS = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 4), }"
-
-
 def test_a_false_header_is_refused_and_takes_no_memory(tmp_path):
-    text = MORE_THAN_THERE_IS.ljust(117)
-    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text + b"\n"
+    text = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 4), }"
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + text.ljust(117) + b"\n"
     (tmp_path / ACTIONS_FILE).write_bytes(zipped({"pushing/0.npy": header + bytes(64)}))
     with pytest.raises(RunDirectoryError, match="damaged"):
         read_actions(tmp_path, SPECS)

@@ -65,15 +65,6 @@ def test_a_run_reads_back_from_its_directory_or_its_file(tmp_path):
     assert read_run(tmp_path / "a" / "run.json") == run
 
 
-def test_times_stand_under_environment_only():
-    run = make_run(episodes=3)
-    later = replace(run.environment, started="2030-01-01T00:00:00Z", wall_s=1.0)
-    runs = (run, replace(run, environment=later))
-    first, second = (json.loads(run_json(measured(one))) for one in runs)
-    assert first.pop("environment") != second.pop("environment")
-    assert first == second
-
-
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_nan_and_infinity_are_never_written(number):
     run = measured(make_run(tasks=("playing",), episodes=1))
@@ -83,44 +74,41 @@ def test_nan_and_infinity_are_never_written(number):
 
 
 PLAN = ("header", "plan")
-MISTAKES = [
-    (("format",), "other", "minitouch-run"),
-    (("version",), 1, "version 1"),
-    ((*PLAN, "seed"), "7", "header.plan.seed"),
-    ((*PLAN, "tasks"), ["juggling"], "juggling"),
-    ((*PLAN, "limits", "act_timeout_s"), -1.0, "header.plan.limits"),
-    ((*PLAN, "conditions", "without"), ["smell"], "header.plan.conditions"),
-    (("episodes", 0, "outcome"), "won", "'won'"),
-    (("summary", "tasks", 1, "estimates", "success", "low"), "0", ".low"),
-]
-TOO_MUCH = [
-    ((*PLAN, "limits", "act_timeout_s"), 1e300, "86400 s"),
-]
 
 
-@pytest.mark.parametrize(("place", "value", "word"), [*MISTAKES, *TOO_MUCH])
+@pytest.mark.parametrize(
+    ("place", "value", "word"),
+    [
+        (("format",), "other", "minitouch-run"),
+        (("version",), 1, "version 1"),
+        ((*PLAN, "seed"), "7", "header.plan.seed"),
+        ((*PLAN, "tasks"), ["juggling"], "juggling"),
+        ((*PLAN, "limits", "act_timeout_s"), -1.0, "header.plan.limits"),
+        ((*PLAN, "limits", "act_timeout_s"), 1e300, "86400 s"),
+        ((*PLAN, "conditions", "without"), ["smell"], "header.plan.conditions"),
+        (("episodes", 0, "outcome"), "won", "'won'"),
+        (("summary", "tasks", 1, "estimates", "success", "low"), "0", ".low"),
+    ],
+)
 def test_a_malformed_document_gives_one_clear_line(document, place, value, word):
     broken = edited(document, place, value)
     with pytest.raises(RunDirectoryError) as raised:
         read(broken)
     assert word in str(raised.value)
     assert "\n" not in str(raised.value)
-    is_within_limits = (place, value, word) not in TOO_MUCH
-    assert VALIDATOR.is_valid(broken) != is_within_limits
+    assert VALIDATOR.is_valid(broken) == (value == 1e300)  # the schema has no greatest time
 
 
 def test_a_metric_of_a_later_version_is_refused(document):
-    place = ("summary", "tasks", 0, "estimates")
-    estimates = document["summary"]["tasks"][0]["estimates"]
-    broken = edited(document, place, {**estimates, "luck": next(iter(estimates.values()))})
+    estimate = document["summary"]["tasks"][0]["estimates"]["touch_share"]
+    broken = edited(document, ("summary", "tasks", 0, "estimates", "luck"), estimate)
     with pytest.raises(RunDirectoryError, match="no metric 'luck'"):
         read(broken)
 
 
-CONTENTS = [b'{"format": NaN}', b"\xff", b"[" * 10**6]
-
-
-@pytest.mark.parametrize("content", CONTENTS, ids=lambda content: content[:9].decode("latin-1"))
+@pytest.mark.parametrize(
+    "content", [b'{"format": NaN}', b"\xff", b"[" * 10**6], ids=["nan", "no UTF-8", "deep"]
+)
 def test_what_is_no_document_is_refused_in_one_line_that_names_it(tmp_path, content):
     (tmp_path / "run.json").write_bytes(content)
     with pytest.raises(RunDirectoryError) as raised:
@@ -140,14 +128,6 @@ def test_a_stranger_s_text_reaches_no_terminal_and_stays_short(document):
 def test_a_key_that_the_types_do_not_know_is_passed_over_and_not_written(document):
     run = read(edited(document, ("header", "sponsor"), "somebody"))
     assert run_json(run) == msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
-
-
-def test_what_is_not_there_or_cannot_be_written_is_said(tmp_path):
-    with pytest.raises(RunDirectoryError, match=r"run\.json"):
-        read_run(tmp_path)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RunDirectoryError, match="cannot be written"):
-        write(make_run(tasks=("playing",), episodes=1), tmp_path / "file" / "run")
 
 
 def test_a_packed_run_is_read_up_to_the_size_of_any_file(tmp_path):

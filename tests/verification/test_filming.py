@@ -26,19 +26,16 @@ KEY = "pick-up/1"
 
 @pytest.fixture(scope="module")
 def scripted(tmp_path_factory):
-    """A run of the scripted policy."""
     return run(request("scripted", ("opening", "pick-up")), tmp_path_factory.mktemp("scripted"))
 
 
 @pytest.fixture(scope="module")
 def steps(scripted):
-    """The control steps of a pick-up."""
     return len(scripted.actions_of(KEY))
 
 
 @pytest.fixture(scope="module")
 def page(scripted, tmp_path_factory):
-    """The page of a pick-up."""
     return show_episode(scripted, KEY).save(tmp_path_factory.mktemp("viewer") / "pick-up.html")
 
 
@@ -50,11 +47,6 @@ def viewer(browser, page):
 
 def now(viewer):
     return viewer.run("document.getElementById('now').textContent")
-
-
-def pixels(viewer, canvas):
-    script = f"(c => [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data])({canvas})"
-    return np.array(viewer.run(script), np.uint8)
 
 
 def test_an_episode_is_stepped_through_played_and_scrubbed(viewer, steps):
@@ -83,8 +75,9 @@ def test_the_policy_s_image_is_shown_as_it_was_given(viewer, scripted, steps):
     assert film.scenes.shape == (steps + 1, 24, 24, 3)
     assert film.images.shape == (steps, 84, 84)
     viewer.press("ArrowRight")
-    shown = pixels(viewer, "images").reshape(84, 84, 4)[..., 0]
-    np.testing.assert_array_equal(shown, film.images[1])
+    shown = viewer.run("[...images.getContext('2d').getImageData(0, 0, 84, 84).data]")
+    gray = np.array(shown, np.uint8).reshape(84, 84, 4)[..., 0]
+    np.testing.assert_array_equal(gray, film.images[1])
 
 
 def test_no_text_lies_on_a_curve_each_limit_is_named_and_the_page_fits_a_phone(viewer):
@@ -175,9 +168,6 @@ def test_failures_come_first_and_the_first_episodes_on_video(whole, tmp_path):
     ]  # fmt: skip
     assert len(filmed) == 6
     assert "filming 6 episodes" in said[0]
-
-
-# Videos
 
 
 @pytest.fixture(scope="module")

@@ -26,13 +26,13 @@ def edit_actions(run, change):
     np.savez_compressed(run / ACTIONS_FILE, **actions)
 
 
+def verify(directory):
+    return verify_run(read_run(directory), Here())
+
+
 def places(directory):
     """Return where a run differs from its episodes."""
     return [problem.place for problem in verify(directory).problems]
-
-
-def verify(directory):
-    return verify_run(read_run(directory), Here())
 
 
 def test_a_true_run_is_verified_episode_by_episode_and_no_view_is_read_back(copy):
@@ -124,12 +124,9 @@ def test_no_action_can_be_edited_or_left_out(copy, change, place):
         verify(copy)
 
 
-def test_what_is_no_run_is_said(tmp_path):
-    (tmp_path / "begun").mkdir()
-    (tmp_path / "begun" / JOURNAL_FILE).touch()
+def test_an_unfinished_run_is_refused_with_the_way_to_finish_it(tmp_path):
+    (tmp_path / JOURNAL_FILE).touch()
     with pytest.raises(RunDirectoryError, match=r"unfinished run: .* --resume"):
-        verify(tmp_path / "begun")
-    with pytest.raises(RunDirectoryError, match="is not a run"):
         verify(tmp_path)
 
 
