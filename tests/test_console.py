@@ -1,5 +1,3 @@
-"""Progress where there is no terminal."""
-
 import io
 import signal
 
@@ -15,6 +13,7 @@ from minitouch_bench.episode import EpisodeSpec, Role
 from tests.reporting.synthetic import make_record
 
 SPEC = EpisodeSpec(Role.FINAL, "pushing", 0, 1, 0, "cube")
+RECORD = make_record(np.random.default_rng(1), SPEC, 1.0)
 
 
 def test_without_a_terminal_there_is_one_line_per_minute(monkeypatch):
@@ -26,7 +25,7 @@ def test_without_a_terminal_there_is_one_line_per_minute(monkeypatch):
         callbacks.phase("episodes", 20)
         for second in range(0, 200, 10):
             now[0] = float(second)
-            callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+            callbacks.episode(RECORD)
         lines = screen.file.getvalue().splitlines()
     assert [line.split("  ")[0].strip() for line in lines] == [
         "episodes: 7 of 20", "episodes: 13 of 20", "episodes: 19 of 20",
@@ -55,7 +54,7 @@ def test_colors_in_a_pipe_make_no_screen_of_it(monkeypatch, capsys):
     assert not console.is_watched()
     with episode_progress() as callbacks:
         callbacks.phase("episodes", 3)
-        callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+        callbacks.episode(RECORD)
     console.data_console().print("[bold]" + "word " * 50)
     shown = capsys.readouterr()
     assert shown.out == f"\x1b[1m{'word ' * 50}\x1b[0m\n"
@@ -77,7 +76,7 @@ def test_in_a_notebook_one_bar_is_drawn_again_in_place(monkeypatch):
     with episode_progress() as callbacks:
         callbacks.phase("episodes", 3)
         for _ in range(3):
-            callbacks.episode(make_record(np.random.default_rng(1), SPEC, 1.0))
+            callbacks.episode(RECORD)
     assert [len(cell) for cell in outputs] == [3]
     assert screen.file.getvalue() == ""
 

@@ -167,7 +167,6 @@ def test_a_file_is_written_whole_and_nothing_is_written_or_added_through_a_link(
 
 WRITE_FOREVER = """
 import sys
-import tracemalloc
 from pathlib import Path
 from minitouch_bench.files import replace_file
 path = Path(sys.argv[1])

@@ -1,5 +1,3 @@
-"""What users name exists, and goes by one spelling everywhere."""
-
 import ast
 from collections import Counter, defaultdict
 from importlib import import_module

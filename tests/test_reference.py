@@ -1,5 +1,3 @@
-"""Generated pages of the reference are those of the code; what pages link to exists."""
-
 import re
 
 import pytest

@@ -7,6 +7,7 @@ from tests.commands.command import Finished, run
 from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 
 POLICIES = Path(__file__).parents[1] / "evaluation"
+ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", "2")
 
 

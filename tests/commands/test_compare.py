@@ -1,5 +1,3 @@
-"""``compare`` on runs of the real simulator and on written ones."""
-
 import json
 from dataclasses import replace
 

@@ -12,8 +12,7 @@ import pytest
 from minitouch_bench.files import JOURNAL_FILE
 from tests.commands.command import finish, same_results, start, wait_for_records
 from tests.commands.command import run_installed as run
-from tests.commands.conftest import SCRIPTED
-from tests.commands.test_evaluate import ONE
+from tests.commands.conftest import ONE, SCRIPTED
 from tests.evaluation.ray_nodes import free_port
 from tests.process_tree import command_line, descendants, wait_until
 

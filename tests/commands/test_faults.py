@@ -1,5 +1,3 @@
-"""What a run survives, beyond what the other tests show."""
-
 import contextlib
 import os
 import random
@@ -34,12 +32,6 @@ def uninterrupted(tmp_path_factory) -> Path:
     save_native(TouchActor(action_size=5), directory / POLICY)
     succeed(*EVALUATE, directory=directory)
     return directory
-
-
-def victims(pid: int, kind: str) -> list[int]:
-    """Return the workers below the command, or the processes that hold their policies."""
-    program = {"worker": b"minitouch_bench.processes", "policy": b"policies.forkserver"}[kind]
-    return [child for child in descendants(pid) if program in command_line(child)]
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +70,8 @@ def test_kill_9_of_the_parent_at_20_moments_costs_time_only(undisturbed, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("kind", ["worker", "policy"])
-def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, kind):
+@pytest.mark.parametrize("program", [b"minitouch_bench.processes", b"policies.forkserver"])
+def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, program):
     chance = random.Random(2)
     place = tmp_path / "run"
     killed = 0
@@ -88,7 +80,8 @@ def test_kill_9_of_workers_and_policies_changes_nothing(undisturbed, tmp_path, k
         wait_for_records(place, 0, process)
         for _ in range(2):  # an episode is tried three times
             time.sleep(chance.uniform(0.3, 2.0))
-            if found := victims(process.pid, kind):
+            below = descendants(process.pid)
+            if found := [child for child in below if program in command_line(child)]:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(chance.choice(found), signal.SIGKILL)
                     killed += 1

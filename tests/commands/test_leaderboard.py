@@ -1,5 +1,3 @@
-"""Checking submissions, playing rows and drawing the board, as a maintainer types it."""
-
 import re
 
 import pytest

@@ -1,5 +1,3 @@
-"""``regress`` on written runs, and with policies on the real simulator."""
-
 import hashlib
 import json
 import shlex
@@ -150,11 +148,12 @@ def test_mistakes_end_in_two_lines(runs, options, code, word):
 
 # With a policy, in the simulator
 
+BASE = ("--tasks", "opening", "--episodes", "1", "--output", "base")
+
 
 def test_a_policy_is_played_under_the_baseline_s_conditions(tmp_path):
     conditions = ("--without", "vision", "--perturb", "mass=2")
-    one = ("--tasks", "opening", "--episodes", "1", "--output", "base")
-    succeed("evaluate", "random", *one, *conditions, directory=tmp_path)
+    succeed("evaluate", "random", *BASE, *conditions, directory=tmp_path)
     succeed("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     plan = json.loads((tmp_path / "new" / "run.json").read_text())["header"]["plan"]
     assert plan["conditions"]["without"] == ["vision"]
@@ -184,8 +183,7 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(tmp_
 
 def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
     save_native(TouchActor(action_size=5), tmp_path / "explored.safetensors")
-    one = ("--tasks", "opening", "--episodes", 1, "--output", "base")
-    run("evaluate", "random", "--exploration", "explored.safetensors", *one, directory=tmp_path)
+    run("evaluate", "random", "--exploration", "explored.safetensors", *BASE, directory=tmp_path)
     done = succeed("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     assert "left out" in done.err
     assert "every episode is the same to the last bit" in done.out
@@ -194,8 +192,7 @@ def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
 
 def test_a_finished_run_of_a_factory_is_played_again(tmp_path):
     policy = ("misbehaved:Still", "--trust")
-    one = ("--tasks", "opening", "--episodes", "1", "--output", "base")
-    succeed("evaluate", *policy, *one, directory=tmp_path)
+    succeed("evaluate", *policy, *BASE, directory=tmp_path)
     command = ("regress", *policy, "--baseline", "base", "--output", "again")
     succeed(*command, directory=tmp_path)
     run(*command, "--resume", directory=tmp_path).refused(2, "no digest", "--fresh")

@@ -32,12 +32,6 @@ def test_a_run_without_actions_says_how_to_get_them(root, command):
     assert "minitouch-bench evaluate" in done.err
 
 
-def test_two_rows_are_compared_without_actions(root):
-    make_row(root, "other", 0.5)
-    done = succeed("compare", PLACE, "results/other/seed-0/table4", directory=root)
-    assert "A is better" in done.out
-
-
 def test_a_packed_run_is_the_run_and_a_damaged_one_is_named(root):
     packed = read_run(root / PLACE)
     write_file(root / "plain" / "run.json", packed.content)
@@ -45,6 +39,16 @@ def test_a_packed_run_is_the_run_and_a_damaged_one_is_named(root):
     for content in (b"", b"\x1f\x8b" + bytes(20), b"text"):
         (root / PLACE / "run.json.gz").write_bytes(content)
         run("report", PLACE, directory=root).refused(6, "run.json")
+
+
+def test_an_episode_is_looked_at_beside_its_run(copy):
+    done = succeed("replay", copy, "opening/1", "--csv", "--video", directory=copy.parent)
+    files = [copy / "replays" / f"opening-1.{suffix}" for suffix in ("html", "mp4", "csv")]
+    assert done.out.split() == list(map(str, files))
+    assert all(path.stat().st_size > 1000 for path in files)
+    assert "success after" in done.err
+    assert "the same bits as recorded" in done.err
+    succeed("verify", copy, directory=copy.parent)  # a view changes no report
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +81,8 @@ def test_an_episode_of_two_runs_is_shown_on_one_time_axis(scripted, idle, tmp_pa
 def test_two_runs_are_one_page_alone_and_of_one_scene(scripted, idle, tmp_path):
     command = ("replay", scripted[1], "pushing/1", "--beside")
     run(*command, idle, "--csv", directory=tmp_path).refused(2, "leave --video and --csv out")
+    run(*command, idle, "--output", "x.avi", directory=tmp_path).refused(2, ".html", "x.avi")
     words = ("--episodes-from", "pushing/1", "--seed", 7, "--output", "other")
     succeed("evaluate", "zero", *words, directory=tmp_path)
     run(*command, "other", directory=tmp_path).refused(2, "not the same episode")
+    assert not (scripted[1] / "replays").exists()

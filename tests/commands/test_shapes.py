@@ -1,5 +1,3 @@
-"""``shapes``: what its commands say and how they end."""
-
 import pytest
 import trimesh
 

@@ -11,9 +11,8 @@ from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import make_header, read_run, run_json
 from tests.altered import edit_document
 from tests.commands.command import run, succeed
+from tests.commands.conftest import ONE
 from tests.evaluation.misbehaved import Still
-
-ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 
 
 def test_a_true_run_is_verified_and_run_again(scripted):
@@ -95,24 +94,3 @@ def test_what_is_no_run_or_damaged_ends_with_6(copy, tmp_path):
         run("verify", place, directory=tmp_path).refused(6, word)
     (copy / "actions.npz").write_bytes((copy / "actions.npz").read_bytes()[:-30])
     run("verify", copy, directory=tmp_path).refused(6, "actions.npz", "damaged")
-
-
-# replay
-
-
-def test_an_episode_is_looked_at_beside_its_run(copy):
-    done = succeed("replay", copy, "opening/1", "--csv", "--video", directory=copy.parent)
-    files = [copy / "replays" / f"opening-1.{suffix}" for suffix in ("html", "mp4", "csv")]
-    assert done.out.split() == list(map(str, files))
-    assert all(path.stat().st_size > 1000 for path in files)
-    assert "success after" in done.err
-    assert "the same bits as recorded" in done.err
-    succeed("verify", copy, directory=copy.parent)  # a view changes no report
-
-
-def test_an_episode_that_is_not_there_is_said(scripted):
-    directory = scripted[1]
-    run("replay", directory, "pick-up/0", directory=directory.parent).refused(2, "pushing/0")
-    wrong = run("replay", directory, "pushing/0", "--output", "x.avi", directory=directory.parent)
-    wrong.refused(2, ".html", "x.avi")
-    assert not (directory / "replays").exists()

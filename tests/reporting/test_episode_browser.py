@@ -1,5 +1,3 @@
-"""The browser of episodes on a run's own page, in a real browser."""
-
 import json
 from dataclasses import replace
 

@@ -4,17 +4,19 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Start, Trace
+from minitouch_bench.episode import EpisodeSpec, Film, Outcome, PlayedEpisode, Role, Start
 from minitouch_bench.reporting.viewer import (
     ReplayedEpisode,
     ending_in_words,
     episode_csv,
     episode_page,
 )
+from tests.reporting.synthetic import make_trace
 
 
 def make_film(task="pick-up", *, steps=4, touching=(), outcome=Outcome.STEP_LIMIT, state=None):
@@ -22,14 +24,10 @@ def make_film(task="pick-up", *, steps=4, touching=(), outcome=Outcome.STEP_LIMI
     rng = np.random.default_rng(0)
     contact = np.array([60 if step + 1 in touching else 0 for step in range(steps)], np.int16)
     fixed = np.tile([0.5, 0.0, 0.02], (steps + 1, 1))
-    trace = Trace(
-        actions=rng.uniform(-1, 1, (steps, 4)).astype(np.float32),
-        clipped=np.zeros(steps, np.bool_),
-        rewards=np.zeros(steps, np.float32),
+    trace = replace(
+        make_trace(rng, steps, task, contact=0.0),
         ticks=np.full(steps, 60, np.int16),
         contact_ticks=contact,
-        onsets=(contact > 0).astype(np.int16),
-        touch=rng.uniform(-1, 1, (steps + 1, 11)).astype(np.float32),
         object_state=fixed if state is None else np.array(state, np.float64),
         first_touch_tick=60 * (min(touching) - 1) if touching else -1,
     )

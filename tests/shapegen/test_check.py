@@ -1,6 +1,3 @@
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from minitouch_bench.shapegen.check import check_set, preview
@@ -9,15 +6,15 @@ from tests.altered import edit_document
 from tests.shapegen.conftest import subset
 
 
-def test_soundness_is_proven_again(tmp_path: Path) -> None:
+def test_soundness_is_proven_again(tmp_path):
     tiny_set = subset(tmp_path / "tiny", 2)
     wrong = {"misfit": 0.5, "volume_m3": 1.2e-4, "density": 9e3, "lifted": 0.5, "faces": 401}
 
-    def negate(document: dict[str, Any]) -> None:
+    def negate(document):
         for pose in (pose for shape in document["shapes"] for pose in shape["poses"]):
             pose["quaternion"] = [-number for number in pose["quaternion"]]  # the same rotation
 
-    def falsify(document: dict[str, Any]) -> None:
+    def falsify(document):
         first, second = document["shapes"]
         first["poses"][1]["quaternion"] = [1.0, 0.0, 0.0, 0.0]
         second["poses"][1]["probability"] += 0.1
@@ -31,7 +28,7 @@ def test_soundness_is_proven_again(tmp_path: Path) -> None:
     assert problems == names | {("shape-0000:", "poses")}
 
 
-def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:
+def test_a_flipped_byte_is_found_and_named(small_set):
     shape = load_shape_set(small_set).shapes[5]
     pack = bytearray(shape.pack.read_bytes())
     pack[shape.offset + shape.length // 2] ^= 1
@@ -42,12 +39,12 @@ def test_a_flipped_byte_is_found_and_named(small_set: Path) -> None:
     assert whole == "the pack's SHA-256 is not the manifest's"
 
 
-def test_a_swapped_split_and_a_false_mass_are_found_and_named(small_set: Path) -> None:
+def test_a_swapped_split_and_a_false_mass_are_found_and_named(small_set):
     shapes = load_shape_set(small_set)
     train = shapes.shapes.index(shapes.split("train")[0])
     held = shapes.shapes.index(shapes.split("held-out")[0])
 
-    def swap(document: dict[str, Any]) -> None:
+    def swap(document):
         document["shapes"][train]["split"] = "held-out"
         document["shapes"][held]["split"] = "train"
         document["shapes"][0]["mass_kg"] = 9.0
@@ -63,13 +60,11 @@ def test_a_swapped_split_and_a_false_mass_are_found_and_named(small_set: Path) -
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-def test_the_canonical_set_holds() -> None:
+def test_the_canonical_set_holds():
     assert check_set(canonical_shape_set(), workers=2) == ()
 
 
-def test_the_preview_shows_every_shape_with_the_sides_of_its_file(
-    small_set: Path, tmp_path: Path
-) -> None:
+def test_the_preview_shows_every_shape_with_the_sides_of_its_file(small_set, tmp_path):
     sides = {"sides_m": [0.06, 0.02, 0.061]}  # only an imported one has them
     edit_document(small_set / "manifest.json", lambda d: d["shapes"][0].update(sides))
     page = preview(load_shape_set(small_set), tmp_path / "pictures").read_text()

@@ -1,6 +1,5 @@
 import os
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,30 +20,25 @@ from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.object_files import read_object
 from minitouch_bench.shapegen.solids import Solid, to_mesh
-from tests.shapegen.test_object_files import block, obj_of
+from tests.shapegen.test_object_files import block, obj_of, urdf
 
 
-def refusal(path: Path, config: ImportConfig | None = None) -> str:
+def refusal(path, config=None):
     return import_one((path, config or ImportConfig()))[0]
 
 
-def turned_inward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+def turned_inward(mesh):
     mesh.invert()
     return mesh
 
 
-def moved(mesh: trimesh.Trimesh, *offset: float) -> trimesh.Trimesh:
-    mesh.apply_translation(offset)
-    return mesh
-
-
-def written(path: Path, *meshes: trimesh.Trimesh) -> Path:
+def written(path, *meshes):
     trimesh.util.concatenate(meshes).export(str(path))
     return path
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "glb"])
-def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None:
+def test_a_block_of_each_format_is_accepted(tmp_path, suffix):
     path = tmp_path / f"block.{suffix}"
     block().export(str(path))
     reason, entry, _ = import_one((path, ImportConfig(density=9000.0)))
@@ -53,7 +47,7 @@ def test_a_block_of_each_format_is_accepted(tmp_path: Path, suffix: str) -> None
     assert entry["mass_kg"] == pytest.approx(1.4573, rel=1e-3)
 
 
-def test_a_urdf_places_its_meshes(tmp_path: Path) -> None:
+def test_a_urdf_places_its_meshes(tmp_path):
     block(8.0, 4.0, 2.0).export(str(tmp_path / "mesh.obj"))
     collision = (
         '<collision>%s<geometry><mesh filename="mesh.obj" scale="1 1 0.5"/></geometry></collision>'
@@ -68,27 +62,18 @@ def test_a_urdf_places_its_meshes(tmp_path: Path) -> None:
     assert np.ptp(vertices[8:], axis=0) == pytest.approx([1.0, 8.0, 4.0])
 
 
-def test_a_mesh_with_a_hole_is_refused_with_a_way_to_repair_it(tmp_path: Path) -> None:
-    hole = block()
-    hole.update_faces(np.arange(len(hole.faces)) > 0)
-    assert "watertight mesh; repair it" in refusal(written(tmp_path / "hole.stl", hole))
-
-
-def test_no_file_that_a_mesh_names_is_opened(tmp_path: Path) -> None:
+def test_no_file_that_a_mesh_names_is_opened(tmp_path):
     """A pipe as material file would keep its reader waiting for ever."""
     os.mkfifo(tmp_path / "block.mtl")
     text = trimesh.exchange.obj.export_obj(block())
     (tmp_path / "block.obj").write_text("mtllib block.mtl\nusemtl gray\n" + text)
     assert refusal(tmp_path / "block.obj") == ""
     os.mkfifo(tmp_path / "mesh.obj")
-    urdf = '<robot><link><collision><geometry><mesh filename="mesh.obj"/></geometry></collision>'
-    (tmp_path / "pipe.urdf").write_text(f"{urdf}</link></robot>")
-    assert "cannot be read" in refusal(tmp_path / "pipe.urdf")
+    path = urdf(tmp_path / "pipe.urdf", ("mesh.obj", "1 1 1"))
+    assert "cannot be read" in refusal(path)
 
 
-def test_every_file_s_name_becomes_a_plain_name_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_file_s_name_becomes_a_plain_name_of_its_own(tmp_path, monkeypatch):
     files = ("mug.obj", "mug.stl", "mug (1).obj", "a/b.obj", "a-b.obj")
     given, folder = tmp_path / "given", tmp_path / "named"
     (given / "a").mkdir(parents=True)
@@ -105,7 +90,7 @@ def test_every_file_s_name_becomes_a_plain_name_of_its_own(
     assert {*names.values()} == {"mug", "mug-2", "mug_1_", "a-b", "a-b-2"}
 
 
-def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
+def test_bad_files_are_named_each_with_its_reason(tmp_path):
     given, folder = tmp_path / "given", tmp_path / "out"
     given.mkdir()
     block().export(str(given / "good.stl"))
@@ -118,11 +103,9 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
     with (given / "huge.stl").open("wb") as file:
         file.truncate(500_000_084)  # ten million faces
     (given / "bomb.urdf").write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>')
-    urdf = '<robot><link><collision><geometry><mesh filename="%s" scale="%s"/></geometry>'
-    urdf += "</collision></link></robot>"
-    (given / "single.urdf").write_text(urdf % ("gone.stl", "0.001"))
-    (given / "loop.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
-    (given / "outer.urdf").write_text(urdf % ("loop.urdf", "1 1 1"))
+    urdf(given / "single.urdf", ("gone.stl", "0.001"))
+    urdf(given / "loop.urdf", ("loop.urdf", "1 1 1"))
+    urdf(given / "outer.urdf", ("loop.urdf", "1 1 1"))
     result = import_objects([given], folder, ImportConfig())
     assert result.accepted == 1
     assert result.refused.keys() == {
@@ -141,7 +124,7 @@ def test_bad_files_are_named_each_with_its_reason(tmp_path: Path) -> None:
         import_objects([given], folder, ImportConfig())
 
 
-def test_too_many_faces_are_refused_before_coacd(tmp_path: Path, monkeypatch) -> None:
+def test_too_many_faces_are_refused_before_coacd(tmp_path, monkeypatch):
     solid = Solid.cube((0.05, 0.05, 0.05), True)
     for x, y in product(range(-8, 9), repeat=2):
         solid -= Solid.cube((0.001, 0.001, 0.1), True).translate((0.002 * x, 0.002 * y, 0.0))
@@ -150,7 +133,7 @@ def test_too_many_faces_are_refused_before_coacd(tmp_path: Path, monkeypatch) ->
     assert "too many faces" in refusal(tmp_path / "grid.obj")
 
 
-def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Path) -> None:
+def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path):
     things = {
         "long": (block(0.08, 0.05, 0.2), "200.0 mm, not 10 to 125 mm"),
         "wide": (block(0.11, 0.11, 0.02), "155.6 mm wide as it lies"),
@@ -166,7 +149,7 @@ def test_a_refusal_names_the_limit_the_value_and_an_accepted_scale(tmp_path: Pat
         assert refusal(path, ImportConfig(fit=True)) == ""
 
 
-def test_a_usual_unit_is_named_first_and_no_scale_where_none_was_accepted(tmp_path: Path) -> None:
+def test_a_usual_unit_is_named_first_and_no_scale_where_none_was_accepted(tmp_path):
     """A rod that is long enough to be seen is too long for the hand's place."""
     assert "accepted with --scale 0.0254" in refusal(written(tmp_path / "a.stl", block(3, 2, 2)))
     rod = trimesh.creation.cylinder(2.0, 150.0, sections=12)
@@ -175,49 +158,53 @@ def test_a_usual_unit_is_named_first_and_no_scale_where_none_was_accepted(tmp_pa
     assert "no accepted scale" in said
 
 
-def test_a_cavity_is_named_whatever_way_the_faces_are_turned(tmp_path: Path) -> None:
+def test_a_cavity_is_named_whatever_way_the_faces_are_turned(tmp_path):
     outer, inner = block(0.06, 0.05, 0.05), turned_inward(block(0.04, 0.03, 0.03))
     assert "hollow" in refusal(written(tmp_path / "box.stl", outer, inner))
     both = [turned_inward(outer), turned_inward(inner)]
     assert "hollow" in refusal(written(tmp_path / "inside_out.stl", *both))
     sides = np.roll([0.004, 0.06, 0.06], 1), np.roll([0.004, 0.06, 0.06], 2), (0.004, 0.06, 0.06)
     walls = [
-        moved(block(*side), *(sign * 0.028 * (np.array(side) < 0.005)))
+        block(*side).apply_translation(sign * 0.028 * (np.array(side) < 0.005))
         for side in sides
         for sign in (-1.0, 1.0)
     ]
     assert "hollow" in refusal(written(tmp_path / "walls.stl", *walls))
 
 
-def test_a_part_turned_inward_that_is_inside_no_other_is_a_part(tmp_path: Path) -> None:
-    left = moved(block(0.04, 0.05, 0.06), -0.019, 0.0, 0.0)
-    right = turned_inward(moved(block(0.04, 0.05, 0.06), 0.019, 0.0, 0.0))
+def test_a_part_turned_inward_that_is_inside_no_other_is_a_part(tmp_path):
+    left = block(0.04, 0.05, 0.06, at=-0.019)
+    right = turned_inward(block(0.04, 0.05, 0.06, at=0.019))
     reason, entry, _ = import_one((written(tmp_path / "pair.stl", left, right), ImportConfig()))
     assert reason == ""
     assert entry["volume_m3"] == pytest.approx(0.078 * 0.05 * 0.06, rel=0.01)
-    apart = written(tmp_path / "apart.stl", left, moved(right, 0.01, 0.0, 0.0))
+    apart = written(tmp_path / "apart.stl", left, right.apply_translation((0.01, 0.0, 0.0)))
     assert "more than one body" in refusal(apart)
 
 
-def test_what_is_no_solid_is_refused_with_the_reason(tmp_path: Path) -> None:
-    """Each of them once ended the import of all, or had a size of a billion meters."""
+def test_what_is_no_solid_is_refused_with_the_reason(tmp_path):
+    """All but the hole once ended the import of all, or had a size of a billion meters."""
+    hole = block()
+    hole.update_faces(np.arange(len(hole.faces)) > 0)
     crossing = block(0.06, 0.05, 0.04)
     crossing.vertices[[0, 7]] = crossing.vertices[[7, 0]]
     needle = block(0.06, 0.05, 0.04)
     needle.vertices *= [1.0, 1e-6, 1e-6]
     huge = Mesh(np.array(block().vertices) * 1e160, np.array(block().faces))
-    reasons = {"crossing": "cross", "needle": "no volume", "huge": "no solid"}
-    for name, mesh in {"crossing": crossing, "needle": needle, "huge": huge}.items():
-        path = tmp_path / f"{name}.obj"
+    path = tmp_path / "mesh.obj"
+    for mesh, words in (
+        (hole, "watertight mesh; repair it"),
+        (crossing, "cross"),
+        (needle, "no volume"),
+        (huge, "no solid"),
+    ):
         path.write_text(obj_of(mesh))
         with np.errstate(all="ignore"):
-            assert reasons[name] in refusal(path)
-            assert reasons[name] in refusal(path, ImportConfig(fit=True))
+            assert words in refusal(path)
+            assert words in refusal(path, ImportConfig(fit=True))
 
 
-def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(tmp_path, monkeypatch):
     given = tmp_path / "given"
     given.mkdir()
     for name in ("dies", "good"):
@@ -225,7 +212,7 @@ def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
     trimesh.creation.icosphere(6, 0.03).export(str(given / "large.stl"))
     real = exchange.import_in_worker
 
-    def import_or_die(task: tuple[Path, ImportConfig]) -> object:
+    def import_or_die(task):
         if task[0].stem == "dies":
             os.abort()
         if task[0].stem == "large":
@@ -241,8 +228,9 @@ def test_a_worker_that_dies_or_runs_out_of_memory_stops_no_other_object(
     assert "memory" in result.refused["large.stl"]
 
 
-def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path: Path) -> None:
-    path = written(tmp_path / "bracket.stl", block(60, 20, 8), moved(block(8, 20, 60), -26, 0, 26))
+def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path):
+    upright = block(8, 20, 60).apply_translation((-26, 0, 26))
+    path = written(tmp_path / "bracket.stl", block(60, 20, 8), upright)
     config = ImportConfig(scales={"bracket.stl": 0.001})
     assert import_objects([path], tmp_path / "set", config).refused == {}
     shapes = load_shape_set(tmp_path / "set")
@@ -250,7 +238,7 @@ def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path: Path) -> None
     assert shapes.document["imported"]["scales"] == config.scales
 
 
-def test_only_an_imported_set_is_replaced(tmp_path: Path, small_set: Path) -> None:
+def test_only_an_imported_set_is_replaced(tmp_path, small_set):
     path = written(tmp_path / "one.stl", block())
     with pytest.raises(RunDirectoryError, match="not imported"):
         import_objects([path], small_set, ImportConfig(), fresh=True)
@@ -258,15 +246,13 @@ def test_only_an_imported_set_is_replaced(tmp_path: Path, small_set: Path) -> No
 
 
 @pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf")])
-def test_a_scale_is_above_0(scale: float) -> None:
+def test_a_scale_is_above_0(scale):
     with pytest.raises(UsageError, match="--scale is a number above 0"):
         ImportConfig(scale=scale)
 
 
 @pytest.mark.parametrize(("form", "files"), [("urdf", 3), ("obj", 1)])
-def test_an_export_can_be_imported_again(
-    small_set: Path, tmp_path: Path, form: str, files: int
-) -> None:
+def test_an_export_can_be_imported_again(small_set, tmp_path, form, files):
     shapes = load_shape_set(small_set)
     assert export_shapes(shapes, tmp_path / "out", form) == files * len(shapes.shapes)
     name = shapes.shapes[3].name

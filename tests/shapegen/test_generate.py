@@ -1,7 +1,6 @@
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -13,36 +12,31 @@ from tests.shapegen.conftest import entry_of
 
 
 @pytest.fixture
-def _instant(monkeypatch: pytest.MonkeyPatch) -> None:
+def _instant(monkeypatch):
     """Answer as a generator would, from the canonical set."""
     shapes = canonical_shape_set().shapes
 
-    def answer(_: object, tasks: list[tuple[int, int]], *__: int, **___: object) -> object:
+    def answer(_, tasks, *__, **___):
         return ((i, (entry_of(n), shapes[n].record())) for i, (_, n) in enumerate(tasks))
 
     monkeypatch.setattr(generating, "run_in_workers", answer)
 
 
 @pytest.mark.usefixtures("_instant")
-def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_made_before_is_kept(tmp_path):
     folder = tmp_path / "set"
-    with monkeypatch.context() as patch:
-        whole = generating.run_in_workers
 
-        def until_three(*arguments: object, **names: object) -> object:
-            for done, answer in enumerate(whole(*arguments, **names)):  # type: ignore[arg-type]
-                if done == 3:
-                    raise KeyboardInterrupt
-                yield answer
+    def stop(done, _):
+        if done == 3:
+            raise KeyboardInterrupt
 
-        patch.setattr(generating, "run_in_workers", until_three)
-        with pytest.raises(KeyboardInterrupt):
-            generate(folder, 8, 0, 1)
+    with pytest.raises(KeyboardInterrupt):
+        generate(folder, 8, 0, 1, stop)
     with pytest.raises(RunDirectoryError, match="other settings"):
         generate(folder, 9, 0, 1)
     partial = folder / PARTIAL
     partial.write_bytes(partial.read_bytes()[:-9])  # killed while it wrote the third
-    seen: list[int] = []
+    seen = []
     again = generate(folder, 8, 0, 1, lambda done, _: seen.append(done))
     assert seen[0] == 2
     assert generate(tmp_path / "fresh", 8, 0, 1) == again
@@ -53,7 +47,7 @@ def test_what_was_made_before_is_kept(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.usefixtures("_instant")
-def test_damaged_work_and_other_files_are_refused(tmp_path: Path) -> None:
+def test_damaged_work_and_other_files_are_refused(tmp_path):
     for number, content in enumerate((b"", b'HEAD{"index": 1}\n', b"HEAD\x80\n")):
         folder = tmp_path / str(number)
         with pytest.raises(OSError, match="full"):
@@ -67,12 +61,12 @@ def test_damaged_work_and_other_files_are_refused(tmp_path: Path) -> None:
         generate(tmp_path / "run", 8, 0, 1)
 
 
-def _full(*_: object) -> None:
+def _full(*_):
     raise OSError("full")
 
 
 @pytest.mark.slow
-def test_workers_and_kill_nine_change_nothing(tmp_path: Path) -> None:
+def test_workers_and_kill_nine_change_nothing(tmp_path):
     one = generate(tmp_path / "1", 24, 0, 1)
     command = [sys.executable, "-m", "minitouch_bench", "shapes", "generate", "--count", "24",
                "--workers", "2", "--output", str(tmp_path / "2")]  # fmt: skip

@@ -1,9 +1,6 @@
 import json
 import os
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +17,7 @@ from tests.altered import edit_document
 from tests.shapegen.conftest import entry_of
 
 
-def test_the_canonical_bytes_are_the_manifests() -> None:
+def test_the_canonical_bytes_are_the_manifests():
     for shape in canonical_shape_set().shapes:
         body = shape.body()
         assert encode(body) == shape.record()
@@ -36,7 +33,7 @@ def test_the_canonical_bytes_are_the_manifests() -> None:
 
 
 @pytest.mark.parametrize("ending", [".urdf", "-collision.obj", "-visual.obj"])
-def test_a_damaged_cached_file_is_never_used(ending: str) -> None:
+def test_a_damaged_cached_file_is_never_used(ending):
     shape = canonical_shape_set().shapes[3]
     urdf = shape.urdf
     victim = urdf.with_name(urdf.name.replace(".urdf", ending))
@@ -46,7 +43,7 @@ def test_a_damaged_cached_file_is_never_used(ending: str) -> None:
     assert victim.read_bytes() == good
 
 
-def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
+def test_what_is_no_set_is_named(tmp_path, small_set):
     with pytest.raises(UsageError, match="contains no shape set"):
         load_shape_set(tmp_path / "nowhere")
     for text in ("{", "[" * 100_000):
@@ -70,16 +67,14 @@ def test_what_is_no_set_is_named(tmp_path: Path, small_set: Path) -> None:
         (lambda d: d.update(shapes=[], count=0), "shapes: "),
     ],
 )
-def test_a_damaged_manifest_is_refused(
-    small_set: Path, change: Callable[[dict[str, Any]], None], words: str
-) -> None:
+def test_a_damaged_manifest_is_refused(small_set, change, words):
     edit_document(small_set / "manifest.json", change)
     with pytest.raises(UsageError, match=f"{words}.*damaged"):
         load_shape_set(small_set)
 
 
 @pytest.mark.timeout(30, func_only=True)
-def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> None:
+def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set):
     (small_set / "shapes.bin").unlink()
     os.mkfifo(small_set / "shapes.bin")
     with pytest.raises(UsageError, match=r"shapes\.bin cannot be read"):
@@ -87,7 +82,7 @@ def test_a_pipe_in_place_of_the_records_is_refused_at_once(small_set: Path) -> N
 
 
 @pytest.mark.parametrize("hulls", [(), (Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)),)])
-def test_a_body_of_nothing_is_named(tmp_path: Path, hulls: tuple[Mesh, ...]) -> None:
+def test_a_body_of_nothing_is_named(tmp_path, hulls):
     record = encode(replace(canonical_shape_set().shapes[0].body(), hulls=hulls))
     entry = {**entry_of(0), "sha256": digest(record)}
     write_set(tmp_path, {"name": "forged"}, [(entry, record)])
@@ -95,14 +90,14 @@ def test_a_body_of_nothing_is_named(tmp_path: Path, hulls: tuple[Mesh, ...]) -> 
     assert problem.endswith("the record of shape-0000 has an empty mesh")
 
 
-def test_unknown_names(small_set: Path) -> None:
+def test_unknown_names(small_set):
     with pytest.raises(UsageError, match="no shape 'shape-9999'"):
         load_shape_set(small_set).by_name("shape-9999")
     with pytest.raises(UsageError, match=r"no split 'test'; it has held-out, train$"):
         load_shape_set(small_set).split("test")
 
 
-def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> None:
+def test_the_digest_is_of_the_content_not_of_the_spacing(small_set):
     before = load_shape_set(small_set).digest
     path = small_set / "manifest.json"
     path.write_text(json.dumps(json.loads(path.read_text()), indent=4))
@@ -112,7 +107,7 @@ def test_the_digest_is_of_the_content_not_of_the_spacing(small_set: Path) -> Non
 
 
 @pytest.mark.parametrize("count", [1, 40, 999, 1000, 1200])
-def test_a_set_of_the_canonical_seed_has_the_canonical_splits(count: int) -> None:
+def test_a_set_of_the_canonical_seed_has_the_canonical_splits(count):
     canonical = canonical_shape_set().shapes[:count]
     digests = [*(shape.digest for shape in canonical), *map(str, range(count - len(canonical)))]
     splits = splits_of(0, [*FAMILIES] * (count // 8) + [*FAMILIES][: count % 8], digests)

@@ -1,7 +1,6 @@
 import json
 import os
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,36 +8,34 @@ import trimesh
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.shapegen import object_files
-from minitouch_bench.shapegen.geometry import Mesh, face_normals, solid_moments
+from minitouch_bench.shapegen.geometry import face_normals, solid_moments
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 from tests.shapegen.bodies import BLOCK
 
 
-def obj_of(mesh: trimesh.Trimesh | Mesh, first: int = 1) -> str:
+def obj_of(mesh, first=1):
     """Write a mesh with indices from ``first``, which may be minus the number of its vertices."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + first).tolist()]
     return "\n".join(lines) + "\n"
 
 
-def block(*sides: float, at: float = 0.0) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(sides or BLOCK)
-    mesh.apply_translation([at, 0.0, 0.0])
-    return mesh
+def block(*sides, at=0.0):
+    return trimesh.creation.box(sides or BLOCK).apply_translation([at, 0.0, 0.0])
 
 
-def read(path: Path, text: str) -> Mesh:
+def read(path, text):
     path.write_text(text)
     return read_object(path)
 
 
-def refusal(path: Path) -> str:
+def refusal(path):
     with pytest.raises(UnreadableError) as caught:
         read_object(path)
     return str(caught.value)
 
 
-def urdf(path: Path, *parts: tuple[str, str]) -> Path:
+def urdf(path, *parts):
     """Write a URDF of (mesh, scale)."""
     geometry = '<collision><geometry><mesh filename="%s" scale="%s"/></geometry></collision>'
     body = "".join(geometry % part for part in parts)
@@ -47,7 +44,7 @@ def urdf(path: Path, *parts: tuple[str, str]) -> Path:
     return path
 
 
-def test_a_negative_index_counts_back_from_its_line(tmp_path: Path) -> None:
+def test_a_negative_index_counts_back_from_its_line(tmp_path):
     sides = (0.02, 0.03, 0.03)
     one, other = block(*sides, at=-0.025), block(*sides, at=0.025)
     mesh = read(tmp_path / "two.obj", obj_of(one, -8) + obj_of(other, -8))
@@ -55,7 +52,7 @@ def test_a_negative_index_counts_back_from_its_line(tmp_path: Path) -> None:
     assert solid_moments(mesh).volume == pytest.approx(2 * np.prod(sides))
 
 
-def test_an_obj_is_read_as_programs_write_it(tmp_path: Path) -> None:
+def test_an_obj_is_read_as_programs_write_it(tmp_path):
     """Indented, with texture coordinates and comments, and with lines that go on."""
     lines = obj_of(block()).replace("f 1 ", "f 1/5/7 ").splitlines()
     lines[-1] = lines[-1].replace(" ", " \\\n", 1)
@@ -65,7 +62,7 @@ def test_an_obj_is_read_as_programs_write_it(tmp_path: Path) -> None:
     assert solid_moments(mesh).volume == pytest.approx(np.prod(BLOCK))
 
 
-def test_a_polygon_with_a_bay_is_cut_without_overlap(tmp_path: Path) -> None:
+def test_a_polygon_with_a_bay_is_cut_without_overlap(tmp_path):
     corners = [(0, 0), (6, 0), (6, 6), (4, 6), (4, 2), (0, 2)]
     for shift in range(6):  # a fan from one of the corners is right by chance
         turned = corners[shift:] + corners[:shift]
@@ -76,17 +73,16 @@ def test_a_polygon_with_a_bay_is_cut_without_overlap(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("first", [0, 2, -9])
-def test_an_index_without_a_vertex_is_named(tmp_path: Path, first: int) -> None:
+def test_an_index_without_a_vertex_is_named(tmp_path, first):
     (tmp_path / "a.obj").write_text(obj_of(block(), first))
     assert "vertex that is not there" in refusal(tmp_path / "a.obj")
 
 
 @pytest.mark.parametrize("size", [1e-17, 1e-33])
 @pytest.mark.parametrize("at", [0.0, 3.0])
-def test_vertices_that_nearly_are_one_are_merged(tmp_path: Path, size: float, at: float) -> None:
+def test_vertices_that_nearly_are_one_are_merged(tmp_path, size, at):
     """As CAD programs write a solid face by face."""
-    mesh = trimesh.creation.cylinder(0.03, 0.07, sections=24)
-    mesh.apply_translation([0.0, at, 0.0])
+    mesh = trimesh.creation.cylinder(0.03, 0.07, sections=24).apply_translation([0.0, at, 0.0])
     corners = mesh.triangles.reshape(-1, 3)
     signs = np.random.default_rng(0).choice([-1, 0, 1], corners.shape)
     corners = corners + signs * np.maximum(size, np.where(size > 1e-20, np.spacing(corners), 0))
@@ -97,14 +93,14 @@ def test_vertices_that_nearly_are_one_are_merged(tmp_path: Path, size: float, at
 
 
 @pytest.mark.parametrize("scale", ["-1 1 1", "-1 -1 -1", "-1 1 -1"])
-def test_a_mirrored_part_keeps_its_outside(tmp_path: Path, scale: str) -> None:
+def test_a_mirrored_part_keeps_its_outside(tmp_path, scale):
     block(*BLOCK, at=0.04).export(str(tmp_path / "half.stl"))
     path = urdf(tmp_path / "thing.urdf", ("half.stl", "1 1 1"), ("half.stl", scale))
     assert solid_moments(read_object(path)).volume == pytest.approx(2 * np.prod(BLOCK))
     assert "scale is 0" in refusal(urdf(path, ("half.stl", "0 1 1")))
 
 
-def test_a_mesh_of_a_ros_package_is_found_in_a_folder_above(tmp_path: Path) -> None:
+def test_a_mesh_of_a_ros_package_is_found_in_a_folder_above(tmp_path):
     name = "package://hand/meshes/palm.stl"
     path = urdf(tmp_path / "hand" / "urdf" / "hand.urdf", (name, "1 1 1"))
     assert name in refusal(path)
@@ -122,18 +118,14 @@ def test_a_mesh_of_a_ros_package_is_found_in_a_folder_above(tmp_path: Path) -> N
         ("a.obj", b"v 1 2\nf 1 1 1\n", "no readable"),
     ],
 )
-def test_what_a_urdf_names_and_is_no_mesh_is_refused_by_name(
-    tmp_path: Path, name: str, content: bytes, words: str
-) -> None:
+def test_what_a_urdf_names_and_is_no_mesh_is_refused_by_name(tmp_path, name, content, words):
     (tmp_path / name).write_bytes(content)
     said = refusal(urdf(tmp_path / "thing.urdf", (name, "1 1 1")))
     assert name in said
     assert words in said
 
 
-def test_the_meshes_of_a_urdf_are_bounded_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_meshes_of_a_urdf_are_bounded_together(tmp_path, monkeypatch):
     block().export(str(tmp_path / "a.stl"))
     path = urdf(tmp_path / "thing.urdf", *[("a.stl", "1 1 1")] * 3)
     assert len(read_object(path).faces) == 36
@@ -144,9 +136,7 @@ def test_the_meshes_of_a_urdf_are_bounded_together(
 
 
 @pytest.mark.parametrize(("accessors", "count"), [(1, 800_000_000), (1000, 1_000_000)])
-def test_a_glb_may_not_ask_for_more_vertices_than_a_mesh_has(
-    tmp_path: Path, accessors: int, count: int
-) -> None:
+def test_a_glb_may_not_ask_for_more_vertices_than_a_mesh_has(tmp_path, accessors, count):
     """Those that are not in the file are zeros, by the rules of the format."""
     accessor = {"componentType": 5126, "count": count, "type": "VEC3"}
     text = json.dumps({"asset": {"version": "2.0"}, "accessors": [accessor] * accessors}).encode()
@@ -156,7 +146,7 @@ def test_a_glb_may_not_ask_for_more_vertices_than_a_mesh_has(
     assert "more than" in refusal(tmp_path / "a.glb")
 
 
-def test_files_and_folders_are_given_together(tmp_path: Path) -> None:
+def test_files_and_folders_are_given_together(tmp_path):
     for name in ("meshes/a/cup.stl", "meshes/box.obj", "mug.glb", "letter.txt"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()

@@ -1,5 +1,3 @@
-"""The installed simulator is one of the known builds, and another library is found."""
-
 import subprocess
 import sys
 from pathlib import Path

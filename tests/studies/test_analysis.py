@@ -6,6 +6,7 @@ import pytest
 from experiments.analysis import STUDIES, analyze, read_rows, stored_studies, write_results
 from experiments.grid import FILES, KEY, check_lock, read_design
 from experiments.touch import analysis as touch
+from tests.altered import ROOT
 
 DESIGNS = {folder.name: folder / "design.toml" for folder in stored_studies()}
 
@@ -39,6 +40,13 @@ def test_the_page_about_touch_follows_from_the_stored_rows():
     results = touch.analyze_touch(design, stored)
     assert results.page == (stored / "touch.md").read_text(), "python -m experiments.touch.analysis"
     assert results.judged.to_csv(index=False) == (stored / "pooled.csv").read_text()
+
+
+@pytest.mark.parametrize("study", ["touch", "light"])
+def test_the_design_is_the_one_that_was_locked(study):
+    design = read_design(ROOT / "experiments" / study / "design.toml")
+    assert design["locked"]
+    assert f"`{design['digest']}`" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
 def test_results_are_written_beside_the_rows(tmp_path):
