@@ -102,7 +102,7 @@ def test_a_closed_environment_is_not_used_again():
 def test_an_environment_that_nothing_uses_frees_its_worlds():
     environment = mt.make("playing", render_mode="rgb_array")
     environment.reset(seed=1)
-    environment.render()
+    assert environment.render().shape == (240, 240, 3)
     made = environment.unwrapped
     clients = made.client, made._kinematics._client, made._renderer._client
     numbers = [client._bullet.id for client in clients]
