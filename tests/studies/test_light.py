@@ -66,7 +66,7 @@ def test_a_study_is_not_judged_without_all_trainings_nor_with_unequal_exploratio
     design, file = read_design(DESIGN), tmp_path / "trainings.csv"
     whole = pd.read_csv(file)
     whole.iloc[1:].to_csv(file, index=False)
-    with pytest.raises(SystemExit, match="lacks 1 of 80 trainings"):
+    with pytest.raises(SystemExit, match="lacks 1 of 56 trainings"):
         analyze_light(design, tmp_path)
     whole["exploration_policy"] = whole["method"]
     whole.to_csv(file, index=False)
