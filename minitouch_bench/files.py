@@ -149,16 +149,16 @@ def damage_as(kind: type[errors.MiniTouchError], what: str) -> Iterator[None]:
 def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
     """Create the directory if need be, and hold it alone; the lock ends with the process.
 
-    What a killed holder had half written there is removed. ``wait`` until no other process
-    has it. Where the file system has no locks, a note says so, and others are not kept out.
+    What a killed holder had half written there is removed; at the end, so is a directory that is
+    new and still empty. ``wait`` until no other process has it. Where the file system has no
+    locks, a note says so, and others are not kept out.
 
     Raises:
         RunDirectoryError: it cannot be written, or another process holds it.
     """
     lock = directory / LOCK_FILE
     with os_errors_as(errors.RunDirectoryError, directory, "written"):
-        directory.mkdir(parents=True, exist_ok=True)
-        handle = _lock(lock, wait=wait)
+        handle, is_new = _lock(lock, wait=wait)
     try:
         with os_errors_as(errors.RunDirectoryError, directory, "written"):
             for place in filter(is_folder, (directory, directory / VIDEOS, directory / REPLAYS)):
@@ -170,11 +170,16 @@ def lock_directory(directory: Path, *, wait: bool = False) -> Iterator[None]:
             if os.path.samestat(os.fstat(handle), os.lstat(lock)):
                 lock.unlink()
         os.close(handle)
+        if is_new:
+            with suppress(OSError):  # it is not empty
+                directory.rmdir()
 
 
-def _lock(path: Path, *, wait: bool) -> int:
-    """Return the descriptor of a lock file that is held and still has its name."""
+def _lock(path: Path, *, wait: bool) -> tuple[int, bool]:
+    """Return the descriptor of a held lock file, and whether its directory was made for it."""
     while True:
+        is_new = not path.parent.exists()
+        path.parent.mkdir(parents=True, exist_ok=True)
         handle = open_plain(path, os.O_RDWR | os.O_CREAT)
         with ExitStack() as stack:
             stack.callback(os.close, handle)
@@ -197,7 +202,7 @@ def _lock(path: Path, *, wait: bool) -> int:
             with suppress(FileNotFoundError):  # its last holder may have removed it meanwhile
                 if os.path.samestat(os.fstat(handle), os.lstat(path)):
                     stack.pop_all()
-                    return handle
+                    return handle, is_new
 
 
 def write_file(path: Path, content: bytes | str, *, durable: bool = True) -> None:

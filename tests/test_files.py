@@ -47,7 +47,7 @@ def test_a_directory_is_held_by_one_until_it_ends_in_whatever_way_and_can_be_wai
         with pytest.raises(RunDirectoryError, match="in use by another"), lock_directory(directory):
             pass
         holder.kill()
-    order = []
+    directory, order = tmp_path / "left empty", []
 
     def wait():
         with lock_directory(directory, wait=True):
@@ -60,6 +60,7 @@ def test_a_directory_is_held_by_one_until_it_ends_in_whatever_way_and_can_be_wai
         order.append("first")
     waiting.join(60)
     assert order == ["first", "second"]
+    assert not directory.exists()
 
 
 def test_clearing_removes_the_run_and_nothing_else(tmp_path):
