@@ -196,7 +196,7 @@ def analyze_light(design: Mapping[str, Any], directory: Path) -> LightResults:
         "before the first training.",
         *_policy_lines(design, values),
         "",
-        "![Success in training by control steps](figures/curves.svg)",
+        "![Success in training by control steps](figures/senses.svg)",
         "",
         *_claim_lines(design, judged),
         "",
@@ -305,7 +305,7 @@ def draw_curves(design: Mapping[str, Any], directory: Path) -> None:
         axes.axvline(EARLY, color="gray", linewidth=0.8)
         axes.set(ylim=SHARE, xlabel="Control steps of the task phase", ylabel="Success in training")
         axes.legend(loc="lower right")
-        file = directory / "figures" / "curves.svg"
+        file = directory / "figures" / "senses.svg"
         file.parent.mkdir(exist_ok=True)
         figure.savefig(file, metadata={"Date": None, "Creator": None})
         plt.close(figure)

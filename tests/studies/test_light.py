@@ -58,7 +58,7 @@ def test_claims_are_confirmed_where_they_are_true_and_contradicted_where_they_ar
     for number in results.judged["better_mean"]:
         assert f"{number:.3f}" in results.page
     draw_curves(read_design(DESIGN), tmp_path)
-    assert (tmp_path / "figures" / "curves.svg").stat().st_size > 10_000
+    assert (tmp_path / "figures" / "senses.svg").stat().st_size > 10_000
 
 
 def test_a_study_is_not_judged_without_all_trainings_nor_with_unequal_explorations(tmp_path):
