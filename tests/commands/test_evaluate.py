@@ -152,7 +152,7 @@ def test_a_mistake_is_refused_and_makes_no_directory(tmp_path, words, code, word
     (tmp_path / "cut.zip").write_bytes(zipped({"data": "{}" * 1000})[:-40])
     with lock_directory(tmp_path / "busy"):
         run("evaluate", *words[:1], *ONE[2:], *words[1:], directory=tmp_path).refused(code, word)
-    assert set(os.listdir(tmp_path)) == {"busy", "cut.zip", "file.pt"}
+    assert set(os.listdir(tmp_path)) == {"cut.zip", "file.pt"}
 
 
 def test_a_run_that_is_stopped_keeps_its_episodes_and_is_continued(scripted, tmp_path):
