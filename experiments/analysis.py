@@ -184,7 +184,8 @@ def _notes(*notes: str) -> list[str]:
 
 
 PICTURES = {
-    "curves": "Learning curves: means over training seeds with their 95 % intervals",
+    "curves": "Learning curves: means over training seeds, with their 95 % intervals or, of fewer "
+    "than five seeds, with each seed's curve (thin)",
     "movement": "Touch share and object movement at the end of exploration: a dot per training, "
     "crosses of means over training seeds with their 95 % intervals",
     "lengths": "Each length of exploration",

@@ -26,6 +26,9 @@ MARKS = "os^vPX*"
 POINTS = 40
 """Of a learning curve, at most: each is a mean over 1/40 of the control steps."""
 
+ENOUGH_SEEDS = 5
+"""With fewer the interval around a learning curve is often all of 0 to 1, and hides the others."""
+
 SHARE = (-0.02, 1.02)
 """Ends of an axis of shares, with room for a mark at 0 and at 1."""
 
@@ -120,7 +123,7 @@ def _with_success(curves: pd.DataFrame) -> pd.DataFrame:
 
 
 def _learning_curves(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
-    """Draw what all seeds of a method show together, with the 95 % interval over seeds."""
+    """Draw the mean over seeds, with its 95 % interval or, of few seeds, each seed's curve."""
     column = ranking_metric(part["task"].iloc[0])
     last, explored = part["step"].max(), part["exploration_steps"].iloc[0]
     for method, rows in part.dropna(subset=[column]).groupby("method", sort=False):
@@ -128,8 +131,10 @@ def _learning_curves(axes: Axes, part: pd.DataFrame, styles: Styles) -> None:
         by_seed = rows.groupby([slots, "training_seed"])[column].mean().unstack().dropna()
         at = rows.groupby(slots)["step"].max()[by_seed.index]
         color = styles[method][0]
-        axes.plot(at, by_seed.mean(axis=1), color=color, linewidth=1.3)
-        if by_seed.shape[1] > 1:
+        axes.plot(at, by_seed.mean(axis=1), color=color, linewidth=1.6)
+        if by_seed.shape[1] < ENOUGH_SEEDS:
+            axes.plot(at, by_seed, color=color, linewidth=0.6, alpha=0.6)
+        else:
             means = [student_mean(values, (0.0, 1.0)) for values in by_seed.to_numpy().tolist()]
             low, high = ([getattr(one, end) for one in means] for end in ("low", "high"))
             axes.fill_between(at, low, high, color=color, alpha=0.15, linewidth=0)
