@@ -8,7 +8,15 @@ import pandas as pd
 import pytest
 
 from experiments.grid import cells_of, read_design
-from experiments.light.analysis import DESIGN, analyze_light, draw_curves, paired_p, power_of
+from experiments.light.analysis import (
+    DESIGN,
+    analyze_light,
+    draw_curves,
+    paired_p,
+    power_of,
+    values_of,
+)
+from experiments.senses import draw_worth, worth_lines, worth_of
 
 KNOWN = {"sees-and-feels": 0.9, "sees": 0.6, "feels": 0.8, "neither": 0.2}
 """Success of each policy, in every suite and in training."""
@@ -72,6 +80,25 @@ def test_a_study_is_not_judged_without_all_trainings_nor_with_unequal_exploratio
     whole.to_csv(file, index=False)
     with pytest.raises(SystemExit, match="different explorations"):
         analyze_light(design, tmp_path)
+
+
+def test_what_each_sense_is_worth_has_both_studies(tmp_path):
+    write_rows(tmp_path, KNOWN)
+    light = values_of(read_design(DESIGN), tmp_path)
+    touch = {
+        (arm, task, "success"): np.full(8, share)
+        for arm, share in {"hac": 0.75, "hac-no-forces": 0.5}.items()
+        for task in ("pushing", "pick-up")
+    }
+    worth = worth_of(touch, light)
+    by_policy = worth.set_index(["setting", "policy"])
+    assert by_policy.loc[("Opening, light off", "feels"), "value"] == pytest.approx(0.8, abs=0.03)
+    assert by_policy.loc[("Pick-up, light on", "sees"), "value"] == 0.5
+    assert by_policy["seeds"].tolist() == [14] * 6 + [8] * 4
+    lines = worth_lines(worth)
+    assert sum("0.500" in line for line in lines) == 2
+    draw_worth(worth, tmp_path / "senses.svg")
+    assert "Pushing, light on" in (tmp_path / "senses.svg").read_text()
 
 
 def test_the_power_in_the_design_is_the_simulated_one():
