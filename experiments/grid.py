@@ -125,9 +125,10 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
     place = output / cell.name
     final, explored = place / "final.safetensors", place / "exploration.safetensors"
     arm = arm_of(design, cell)
+    shared = output / f"{cell.task}-exploration-{cell.exploration_steps}-{cell.training_seed}"
     digest = design["digest"]
-    if not design.get("locked") and (place / "config.toml").exists():
-        digest = _recorded_design(place) or digest  # a claim or a seed may have been added since
+    if not design.get("locked"):  # a claim or a seed may have been added since it was begun
+        digest = _recorded_design(place) or _recorded_design(shared) or digest
     if not final.exists():
         task_steps = (
             None if cell.task == "playing" else in_task(design, cell.task).get("task_steps")
@@ -138,7 +139,7 @@ def finish_cell(design: Mapping[str, Any], cell: Cell, output: Path) -> dict[str
             "settings": {**design.get("settings", {}), "design": digest}, "resume": True,
         }  # fmt: skip
         if design.get("explore_once"):
-            _copy_exploration(cell, asked, place)
+            _copy_exploration(cell, asked, shared, place)
         mt.train(
             cell.task, **asked, task_steps=task_steps, task_without=arm["task_without"],
             output=place,
@@ -168,27 +169,27 @@ def with_key(frame: pd.DataFrame, cell: Cell) -> pd.DataFrame:
     return pd.concat([pd.DataFrame([asdict(cell)] * len(frame), frame.index), frame], axis=1)
 
 
-def _copy_exploration(cell: Cell, asked: Mapping[str, Any], place: Path) -> None:
+def _copy_exploration(cell: Cell, asked: Mapping[str, Any], shared: Path, place: Path) -> None:
     """Begin a cell with the exploration that the arms of its training seed share.
 
     The first of them trains it; a training goes on from there with the same bits as one that was
     never interrupted.
     """
-    shared = place.with_name(
-        f"{cell.task}-exploration-{cell.exploration_steps}-{cell.training_seed}"
-    )
     with open(f"{shared}.lock", "w", encoding="utf-8") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # the other worker may be training it
         mt.train(cell.task, **asked, task_steps=0, output=shared)
-    if not place.exists():
-        copy = place.with_name(f"{place.name}.tmp")
-        shutil.copytree(shared, copy, dirs_exist_ok=True)
-        copy.rename(place)
+        if not place.exists():
+            copy = place.with_name(f"{place.name}.tmp")
+            # Not the final policy: with it the cell would count as trained.
+            left_out = shutil.ignore_patterns("final.safetensors")
+            shutil.copytree(shared, copy, dirs_exist_ok=True, ignore=left_out)
+            copy.rename(place)
 
 
 def _recorded_design(place: Path) -> str:
     """Return the SHA-256 of the design that a training was begun with, "" where none is named."""
-    return str(tomllib.loads((place / "config.toml").read_text()).get("design", ""))
+    file = place / "config.toml"
+    return str(tomllib.loads(file.read_text()).get("design", "")) if file.exists() else ""
 
 
 def rows_of(runs: list[mt.Run], place: Path) -> dict[str, pd.DataFrame]:
@@ -318,14 +319,17 @@ def run_grid(
     spawned = get_context("spawn")
     with ProcessPoolExecutor(workers, spawned, initializer=_end_with_parent) as pool:
         jobs = {pool.submit(finish_cell, design, cell, output): cell for cell in left}
-        for job in as_completed(jobs):
-            cell = jobs[job]
-            try:
-                add_rows(output, cell, job.result())
-                print(cell.name, file=sys.stderr)
-            except mt.MiniTouchError as error:
-                failed[cell] = str(error)
-                print(f"{cell.name} failed: {error}", file=sys.stderr)
+        try:
+            for job in as_completed(jobs):
+                cell = jobs[job]
+                try:
+                    add_rows(output, cell, job.result())
+                    print(cell.name, file=sys.stderr)
+                except mt.MiniTouchError as error:
+                    failed[cell] = str(error)
+                    print(f"{cell.name} failed: {error}", file=sys.stderr)
+        finally:
+            pool.shutdown(cancel_futures=True)  # after a fault no row would be added any more
     return failed
 
 

@@ -14,9 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from experiments.analysis import read_rows, table_lines
+from experiments.analysis import estimate_text, join_seeds, read_rows, table_lines
 from experiments.figures import COLORS, SAME_BYTES, SHARE
-from experiments.grid import check_complete, check_lock, read_design
+from experiments.grid import check_complete, check_lock, in_task, read_design
 from minitouch_bench.metrics.intervals import OVER_SEEDS, student_mean
 from minitouch_bench.metrics.statistics import ALPHA, holm
 
@@ -167,11 +167,19 @@ def _count_by_seed(curves: pd.DataFrame) -> tuple["pd.Series[float]", "pd.Series
     return won.sum(), curves.groupby("training_seed")["episodes"].sum()
 
 
-def check_explorations(directory: Path) -> None:
-    """Exit where the policies of a training seed do not come from one exploration, bit for bit."""
-    explored = read_rows(directory, "trainings").groupby("training_seed")["exploration_policy"]
+def check_trainings(design: Mapping[str, Any], directory: Path) -> None:
+    """Exit where a training is not whole, or where the arms of a seed do not share an exploration.
+
+    One exploration: the same policy, bit for bit.
+    """
+    trainings = read_rows(directory, "trainings")
+    explored = trainings.groupby("training_seed")["exploration_policy"]
     if (explored.nunique() > 1).any():
         sys.exit(f"{directory}: the arms of a training seed have different explorations")
+    length = trainings["exploration_steps"] + in_task(design, "opening")["task_steps"]
+    is_whole = trainings["control_steps"] == length
+    if not (is_whole & (trainings["final_policy"] != trainings["exploration_policy"])).all():
+        sys.exit(f"{directory}: a training has not ended its task phase")
 
 
 @dataclass(frozen=True)
@@ -185,16 +193,18 @@ class LightResults:
 def analyze_light(design: Mapping[str, Any], directory: Path) -> LightResults:
     """Make the results of the study from its rows."""
     values = values_of(design, directory)
-    check_explorations(directory)
+    check_trainings(design, directory)
     judged = judge_paired(design["paired"], values).round(12)
     lines = [
         "# What is each sense worth, light on and off?",
         "",
         "Opening: after one exploration with every sense, four policies per training seed learn "
         "the task with the senses named here. All of them know where the hand is and how far its "
-        "fingers are open, which tells in part that a hand is blocked. The design was locked "
-        "before the first training.",
-        *_policy_lines(design, values),
+        "fingers are open, which tells in part that a hand is blocked. All of them begin as a copy "
+        "of the exploration policy as far as their senses permit, and a penalty that falls to 0 "
+        "keeps them near its actions. This teacher has every sense, so the results are about "
+        "policies that learn from such a teacher. The design was locked before the first training.",
+        *_policy_lines(design, values, directory),
         "",
         "![Success in training by control steps](figures/senses.svg)",
         "",
@@ -205,30 +215,32 @@ def analyze_light(design: Mapping[str, Any], directory: Path) -> LightResults:
     return LightResults("\n".join(lines) + "\n", judged)
 
 
-def _mean_text(values: np.ndarray | None) -> str:
-    if values is None:
-        return "—"
-    mean = student_mean(values.tolist(), (0.0, 1.0))
-    return f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
-
-
-def _policy_lines(design: Mapping[str, Any], values: Values) -> list[str]:
-    measures = (TABLE4, DARK, EARLY_SUCCESS)
-    rows = [
-        [f"*{arm.replace('-', ' ')}*", *(_mean_text(values.get((arm, one))) for one in measures)]
-        for arm in design["methods"]
-    ]
+def _policy_lines(design: Mapping[str, Any], values: Values, directory: Path) -> list[str]:
+    success = success_over_seeds(directory).set_index(["method", "suite"])
+    rows = []
+    for arm in design["methods"]:
+        official = [success[success.index == (arm, suite)] for suite in (TABLE4, DARK)]
+        early = student_mean(values[arm, EARLY_SUCCESS].tolist(), (0.0, 1.0))
+        early_text = f"{early.value:.3f} [{early.low:.3f}, {early.high:.3f}]"
+        rows.append([f"*{arm.replace('-', ' ')}*", *map(estimate_text, official), early_text])
     heads = ["Policy", "Success, light on", "Success, light off", "Success in early training"]
     return [
         *table_lines(heads, rows),
         "",
-        f"- Shares of episodes, with 95 % intervals: {OVER_SEEDS}, {len(design['seeds'])} seeds. "
-        "Where some seeds fail and others succeed such intervals are too narrow.",
+        f"- Shares of episodes, with 95 % intervals: {OVER_SEEDS} (in early training: Student's t "
+        f"alone), {len(design['seeds'])} seeds. Where some seeds fail and others succeed such "
+        "intervals are too narrow.",
         f"- Light on: the {OFFICIAL} official episodes of `table4`. Light off: those of `dark`, "
         "for the policies that are trained without the picture.",
         f"- In early training: of the training episodes within the first {EARLY:,} control steps "
         "of the task phase.",
     ]
+
+
+def success_over_seeds(directory: Path) -> pd.DataFrame:
+    """Return the official success of each policy and suite, joined over training seeds."""
+    rows = read_rows(directory, "estimates")
+    return join_seeds(rows[(rows["metric"] == "success") & (rows["conditions"] == "")])
 
 
 def _claim_lines(design: Mapping[str, Any], judged: pd.DataFrame) -> list[str]:

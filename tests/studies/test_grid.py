@@ -13,7 +13,14 @@ import pandas as pd
 import pytest
 
 import minitouch_bench as mt
-from experiments.grid import FILES, cells_of, evaluations_of, read_design, run_grid
+from experiments.grid import (
+    FILES,
+    cells_of,
+    evaluations_of,
+    finish_cell,
+    read_design,
+    run_grid,
+)
 from experiments.reliance import WORDS
 from tests.altered import ROOT
 from tests.process_tree import descendants, is_alive, wait_until
@@ -187,3 +194,24 @@ def test_arms_that_share_an_exploration_learn_as_if_each_had_its_own(tmp_path):
     )  # fmt: skip
     content = (alone / "final.safetensors").read_bytes()
     assert hashlib.sha256(content).hexdigest() == trainings.loc["feels", "final_policy"]
+
+
+def test_a_training_killed_before_its_task_phase_does_not_count_as_finished(tmp_path, monkeypatch):
+    file = tmp_path / "shared.toml"
+    file.write_text(SHARED)
+    design = read_design(file)
+    cell, train = cells_of(design)[0], mt.train
+
+    def explore_only(*args, task_steps, **options):
+        if task_steps:
+            raise KeyboardInterrupt
+        return train(*args, task_steps=task_steps, **options)
+
+    monkeypatch.setattr(mt, "train", explore_only)
+    with pytest.raises(KeyboardInterrupt):
+        finish_cell(design, cell, tmp_path)
+    monkeypatch.undo()
+    file.write_text(SHARED.replace("seeds = [0]", "seeds = [0, 1]"))  # and a seed is added
+    row = finish_cell(read_design(file), cell, tmp_path)["trainings"].iloc[0]
+    assert row["control_steps"] == "90"
+    assert row["final_policy"] != row["exploration_policy"]

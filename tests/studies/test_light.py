@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.analysis import join_seeds
 from experiments.grid import cells_of, read_design
 from experiments.light.analysis import (
     DESIGN,
@@ -14,9 +15,10 @@ from experiments.light.analysis import (
     draw_curves,
     paired_p,
     power_of,
-    values_of,
+    success_over_seeds,
 )
 from experiments.senses import draw_worth, worth_lines, worth_of
+from minitouch_bench.metrics.intervals import wilson
 
 KNOWN = {"sees-and-feels": 0.9, "sees": 0.6, "feels": 0.8, "neither": 0.2}
 """Success of each policy, in every suite and in training."""
@@ -33,6 +35,12 @@ def test_the_p_value_is_that_of_every_change_of_signs():
     assert paired_p(np.ones(20), np.zeros(20)) == pytest.approx(2**-20)
 
 
+def wilson_of(share):
+    """Return the columns of the estimate of a share of 100 episodes."""
+    found = asdict(wilson(round(100 * share), 100))
+    return {"episodes": found.pop("count"), "interval": found.pop("method"), **found}
+
+
 def write_rows(directory, known):
     """Write the rows of a finished study: seeds differ a little, policies as in ``known``."""
     rng = np.random.default_rng(1)
@@ -42,14 +50,17 @@ def write_rows(directory, known):
         share = known[cell.method] + round(rng.normal(0, 0.02), 2)
         suites = ["table4", "dark"] if cell.method in ("feels", "neither") else ["table4"]
         estimates += [
-            {**key, "suite": suite, "conditions": "", "metric": "success", "value": share}
+            {**key, "suite": suite, "conditions": "", "metric": "success", **wilson_of(share)}
             for suite in suites
         ]
         for step in range(500, 20_500, 500):
             phase = "exploration" if step <= 10_000 else "task"
             row = {"step": step, "phase": phase, "episodes": 10, "success": share}
             curves.append({**key, **row})
-        trainings.append({**key, "exploration_policy": f"seed {cell.training_seed}"})
+        trainings.append(
+            {**key, "control_steps": 20_000, "exploration_policy": f"seed {cell.training_seed}"}
+            | {"final_policy": cell.name}
+        )
     rows = {"estimates": estimates, "curves": curves, "trainings": trainings}
     for name, one in rows.items():
         pd.DataFrame(one).to_csv(directory / f"{name}.csv", index=False)
@@ -69,34 +80,37 @@ def test_claims_are_confirmed_where_they_are_true_and_contradicted_where_they_ar
     assert (tmp_path / "figures" / "senses.svg").stat().st_size > 10_000
 
 
-def test_a_study_is_not_judged_without_all_trainings_nor_with_unequal_explorations(tmp_path):
+def test_a_study_is_judged_only_with_all_trainings_whole_and_of_one_exploration(tmp_path):
     write_rows(tmp_path, KNOWN)
     design, file = read_design(DESIGN), tmp_path / "trainings.csv"
     whole = pd.read_csv(file)
     whole.iloc[1:].to_csv(file, index=False)
     with pytest.raises(SystemExit, match="lacks 1 of 56 trainings"):
         analyze_light(design, tmp_path)
-    whole["exploration_policy"] = whole["method"]
-    whole.to_csv(file, index=False)
+    whole.assign(exploration_policy=whole["method"]).to_csv(file, index=False)
     with pytest.raises(SystemExit, match="different explorations"):
+        analyze_light(design, tmp_path)
+    whole.loc[3, "control_steps"] = 10_000
+    whole.to_csv(file, index=False)
+    with pytest.raises(SystemExit, match="not ended its task phase"):
         analyze_light(design, tmp_path)
 
 
 def test_what_each_sense_is_worth_has_both_studies(tmp_path):
     write_rows(tmp_path, KNOWN)
-    light = values_of(read_design(DESIGN), tmp_path)
-    touch = {
-        (arm, task, "success"): np.full(8, share)
-        for arm, share in {"hac": 0.75, "hac-no-forces": 0.5}.items()
-        for task in ("pushing", "pick-up")
-    }
-    worth = worth_of(touch, light)
-    by_policy = worth.set_index(["setting", "policy"])
-    assert by_policy.loc[("Opening, light off", "feels"), "value"] == pytest.approx(0.8, abs=0.03)
-    assert by_policy.loc[("Pick-up, light on", "sees"), "value"] == 0.5
-    assert by_policy["seeds"].tolist() == [14] * 6 + [8] * 4
-    lines = worth_lines(worth)
-    assert sum("0.500" in line for line in lines) == 2
+    rows = [
+        {"task": task, "method": arm, "training_seed": seed, "exploration_steps": 1}
+        | {"suite": "table4", "conditions": "", "metric": "success", **wilson_of(share)}
+        for arm, share in {"hac": 0.75, "hac-no-forces": 0.5, "rnd": 0.1}.items()
+        for task in ("opening", "pushing", "pick-up")
+        for seed in range(8)
+    ]
+    worth = worth_of(join_seeds(pd.DataFrame(rows)), success_over_seeds(tmp_path))
+    by_policy = worth.set_index(["setting", "policy"])["value"]
+    assert by_policy["Opening, light off", "feels"] == pytest.approx(0.8, abs=0.03)
+    assert by_policy["Pick-up, light on", "sees"] == 0.5
+    assert len(by_policy) == 10
+    assert sum("0.500 [" in line for line in worth_lines(worth)) == 2
     draw_worth(worth, tmp_path / "senses.svg")
     assert "Pushing, light on" in (tmp_path / "senses.svg").read_text()
 
