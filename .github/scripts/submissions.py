@@ -6,7 +6,7 @@
     submissions.py play [--base SHA --head SHA | --name NAME] [--stop-after 5h]
 
 ``check`` takes ``submissions/NAME/`` from the clone, checks it with this environment's program, and
-plays the suite ``smoke`` with the checkpoints of its first training. The change may be in one
+plays the suite ``smoke`` with each of its trainings. The change may be in one
 submission's directory and nowhere else. It writes ``result.json`` and ``output.txt`` for
 ``post_report.py``. ``play`` plays the rows of the submissions that changed in this clone, into
 ``played/``; what was played of them before is kept.
@@ -21,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
 
 
 def check(name: str, clone: Path) -> tuple[str, str]:
-    """Check a copy of one submission beside this environment's own, and play a smoke suite."""
+    """Check a copy of one submission beside this environment's own, and play a few episodes."""
     with tempfile.TemporaryDirectory() as folder:
         submissions = Path(folder) / "submissions"
         shutil.copytree(ROOT / "submissions", submissions, symlinks=True)
@@ -100,9 +101,16 @@ def check(name: str, clone: Path) -> tuple[str, str]:
         shutil.copytree(clone / "submissions" / name, submissions / name, symlinks=True)
         code, text = run((*COMMAND, "leaderboard", "check", name), Path(folder))
         if code == 0:
-            policy = f"submissions/{name}"
-            code, more = run((*COMMAND, "evaluate", policy, "--suite", "smoke"), Path(folder))
-            text += more
+            facts = tomllib.loads((submissions / name / "submission.toml").read_text())
+            suites = facts.get("suites", ["table4"])
+            suite = ("smoke",) if "table4" in suites else (suites[0], "--episodes", "5")
+            for training in facts["trainings"]:
+                policy = f"submissions/{name}/seed-{training['seed']}"
+                ended, more = run((*COMMAND, "evaluate", policy, "--suite", *suite), Path(folder))
+                text += more
+                code = ended or code
+                if not OUTCOMES.get(code, "").startswith("sound"):
+                    break
     return OUTCOMES.get(code, f"the check failed with exit code {code}"), text
 
 

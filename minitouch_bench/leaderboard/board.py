@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import chain, combinations
 from typing import Any, Final, Literal
 
-from minitouch_bench.episode import Count, Episode, Sha256
+from minitouch_bench.episode import Count, Episode, Role, Sha256
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.play import FreshDraw, PlayedRow
@@ -21,13 +21,14 @@ from minitouch_bench.leaderboard.ranking import (
     Rank,
 )
 from minitouch_bench.leaderboard.submission import About
-from minitouch_bench.metrics.definitions import ShownIn, metrics_shown_in
+from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_in, ranking_metric
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.runs.run import Run
+from minitouch_bench.text import numbered
 
 FORMAT: Final = "minitouch-leaderboard"
 """Of the JSON document."""
@@ -41,7 +42,7 @@ TOUCH_METRICS = metrics_shown_in(ShownIn.BOARD)
 """The touch diagnostics of every task."""
 
 COPIED_SHARE = 0.5
-"""Share of equal episodes that makes a training a copy: independent trainings have none."""
+"""Share of a task's equal episodes that makes a training a copy: stored trainings share none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +91,7 @@ class BoardRow(About):
         if self.is_calibration:
             return "a built-in policy, for calibration"
         if self.copy_of == self.name:
-            return "two of its trainings play the same episodes"
+            return "two of its trainings have the same policy in a task"
         if self.copy_of:
             return f"a copy of {self.copy_of}, which was played first"
         if self.drop_p < SIGNIFICANCE:
@@ -238,7 +239,7 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
     first = min(played.draws(), key=lambda draw: draw.at)
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
-        labels=tuple(dict.fromkeys(notes)),
+        labels=(*dict.fromkeys(notes), *_retired(played)),
         played=f"{first.at[:10]}, {first.processor}",
         copy_of=copy_of,
         drop_p=played.row.drop_p,
@@ -251,6 +252,12 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
         learned=ranking.count_learned(official.get(MAIN_SUITE, ())),
         endings={task: _endings(chain(*played.episodes(task))) for task in BOARD_TASKS},
     )
+
+
+def _retired(played: PlayedRow) -> list[str]:
+    """Say how many trainings were played and are not in the submission any more."""
+    number = len(played.row.retired)
+    return [f"{numbered(number, 'training')} played before and taken out"] if number else []
 
 
 def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:
@@ -288,40 +295,46 @@ PlayedTraining = tuple[str, FreshDraw]
 def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     """Return by the name of each copy the row that it repeats, which was played before it.
 
-    A training repeats another where their checkpoints are equal, or at least COPIED_SHARE of the
-    final policy's episodes of a suite, bit for bit: a copy that acts a little otherwise in most of
-    its episodes is not seen.
+    A training repeats another where they share a final checkpoint, or at least COPIED_SHARE of a
+    task's episodes that add to its rank, bit for bit: a copy that acts a little otherwise in most
+    of its episodes is not seen.
     """
-    trainings = [(name, draw) for name, one in played.items() for draw in one.draws()]
-    by_suite: dict[str, dict[PlayedTraining, Run]] = {}
+    files: dict[PlayedTraining, set[str]] = {}
+    scored: dict[tuple[str, str], dict[PlayedTraining, list[Episode]]] = {}
     for name, one in played.items():
+        trainings = [(name, draw) for draw in one.draws()]
+        for training, submitted in zip(trainings, one.submission.trainings, strict=True):
+            files[training] = {file.sha256 for file in submitted.files(Role.FINAL)}
         for suite, runs in one.official.items():
-            of_row = ((name, draw) for draw in one.draws())
-            by_suite.setdefault(suite, {}).update(zip(of_row, runs, strict=True))
-    same_episodes = [pair for runs in by_suite.values() for pair in _same_episodes(runs)]
+            for training, run in zip(trainings, runs, strict=True):
+                for task in run.tasks:
+                    scored.setdefault((suite, task), {})[training] = _scored(run, task)
+    same_episodes = [pair for of_task in scored.values() for pair in _same_episodes(of_task)]
     # A built-in policy is never a copy, whenever its row was played.
-    order = sorted(trainings, key=lambda one: (one[1].final != "", one[1].at, one[0]))
+    order = sorted(files, key=lambda one: (one[1].final != "", one[1].at, one[0]))
     copies: dict[str, str] = {}
     for first, later in combinations(order, 2):
-        is_same_file = first[1].final == later[1].final != ""
-        if is_same_file or {first, later} in same_episodes:
+        if files[first] & files[later] or {first, later} in same_episodes:
             copies.setdefault(later[0], first[0])
     return copies
 
 
-def _same_episodes(runs: Mapping[PlayedTraining, Run]) -> list[set[PlayedTraining]]:
-    """Return the pairs of a suite's runs that share COPIED_SHARE of the smaller one's episodes.
+def _scored(run: Run, task: str) -> list[Episode]:
+    """Return a task's episodes that add to its rank: policies that do nothing act alike."""
+    rows = [row for row in run.rows if row.task == task]
+    values = METRICS[ranking_metric(task)].values(rows)
+    return [row for row, value in zip(rows, values, strict=True) if value > 0]
 
-    Episodes without a step are equal in every run and do not count.
-    """
-    owners: dict[tuple[str, int, str], list[PlayedTraining]] = {}
-    played = {one: [row for row in run.rows if row.steps] for one, run in runs.items()}
-    for one, rows in played.items():
-        for episode in dict.fromkeys((row.task, row.index, row.digest) for row in rows):
+
+def _same_episodes(scored: Mapping[PlayedTraining, Sequence[Episode]]) -> list[set[PlayedTraining]]:
+    """Return the pairs of trainings that share COPIED_SHARE of the smaller one's episodes."""
+    owners: dict[tuple[int, str], list[PlayedTraining]] = {}
+    for one, rows in scored.items():
+        for episode in dict.fromkeys((row.index, row.digest) for row in rows):
             owners.setdefault(episode, []).append(one)
     shared = Counter(pair for owning in owners.values() for pair in combinations(owning, 2))
     return [
         {first, other}
         for (first, other), count in shared.items()
-        if count >= COPIED_SHARE * min(len(played[first]), len(played[other]))
+        if count >= COPIED_SHARE * min(len(scored[first]), len(scored[other]))
     ]

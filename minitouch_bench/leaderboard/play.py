@@ -2,7 +2,7 @@
 
 ``reports/results/NAME/`` holds the draws of the fresh episodes, written before the first of them,
 and the facts of each finished run, without actions: the checkpoints give them again. Unfinished
-runs lie in ``reports/play/NAME/``, where an interrupted ``play`` continues.
+runs lie in ``reports/play/NAME/``, by their draw, where an interrupted ``play`` continues.
 """
 
 import gzip
@@ -32,6 +32,7 @@ from minitouch_bench.policies.sources import SubmittedTraining
 from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.runs.plan import Plan, make_plan
 from minitouch_bench.runs.run import Run, read_run
+from minitouch_bench.verification.static_check import check_episodes
 
 PLAY = files.REPORTS / "play"
 """Directory of rows that are being played."""
@@ -66,15 +67,18 @@ class FreshDraw:
 class RowFacts:
     """What ``row.toml`` says.
 
+    ``draws``: of the trainings that were played last. ``retired``: of trainings that were replaced
+    or taken out since they were drawn for.
     ``played``: the suites that every training has finished, with their fresh episodes: those that
     a board shows.
     ``drop_p``: see ``fresh.drop_p``, over these suites. ``waiting``: why the rest is not played,
-    "" if nothing prevents it.
+    as a policy that cannot be loaded; "" if nothing prevents it.
     """
 
     draws: tuple[FreshDraw, ...] = ()
+    retired: tuple[FreshDraw, ...] = ()
     played: tuple[str, ...] = ()
-    drop_p: float = 1.0
+    drop_p: Annotated[float, Meta(ge=0, le=1)] = 1.0
     waiting: str = ""
     format: Literal["minitouch-row"] = "minitouch-row"
     version: Literal[1] = 1
@@ -91,6 +95,7 @@ class RowRun:
     """A run of a row: a suite, or its fresh episodes, with the policies of one training."""
 
     training: SubmittedTraining
+    draw: FreshDraw
     plan: Plan
     is_fresh: bool
 
@@ -152,9 +157,9 @@ class Entry:
             if draw is None:
                 continue
             for suite in self.submission.suites:
-                yield RowRun(training, make_plan(suite), is_fresh=False)
+                yield RowRun(training, draw, make_plan(suite), is_fresh=False)
                 fresh = fresh_plan(suite, training.digest(Role.FINAL), draw.randomness)
-                yield RowRun(training, fresh, is_fresh=True)
+                yield RowRun(training, draw, fresh, is_fresh=True)
 
     def read_run(self, part: RowRun) -> Run | None:
         """Return a finished run, None where it was not played.
@@ -165,26 +170,28 @@ class Entry:
         path = self.results / part.place / files.PACKED_RUN_FILE
         if not path.exists():
             return None
-        run = replace(read_run(path), name=f"{self.name}/{part.place}")
-        header, digests = run.header, [policy.digest for policy in run.header.policies()]
+        run = replace(read_run(path), name=f"{self.name}/{part.place}", content=b"")
         roles = (*Role,) if part.explores else (Role.FINAL,)
+        digests = [policy.digest for policy in run.header.policies()]
         if digests != [part.training.digest(role) for role in roles]:
             raise errors.RunDirectoryError(f"{path} is of other checkpoints")
-        if header.plan != part.plan or header.task_digests != part.plan.rules():
-            raise errors.RunDirectoryError(f"{path} is of other episodes or rules")
+        if run.plan != part.plan:
+            raise errors.RunDirectoryError(f"{path} is of other episodes")
+        for problem in check_episodes(run):
+            raise errors.RunDirectoryError(f"{path}: {problem}")
         return run
 
     def read(self, row: RowFacts | None = None) -> "PlayedRow":
         """Return a row with the suites that ``row``, by default ``row.toml``, says are played.
 
-        It has no suite if a checkpoint of the submission was added or replaced since.
+        It has no suite if a training of the submission was added, replaced or taken out since.
 
         Raises:
             RunDirectoryError: a file is missing or damaged, or a run is of other policies or rules.
         """
         row = row or self.read_row()
         played = [suite for suite in self.submission.suites if suite in row.played]
-        if not all(map(row.draw_for, self.submission.trainings)):
+        if row.draws != tuple(map(row.draw_for, self.submission.trainings)):
             played = []
         found: dict[bool, dict[str, list[Run]]] = {
             is_fresh: {suite: [] for suite in played} for is_fresh in (False, True)
@@ -232,7 +239,6 @@ def play_row(
     Raises:
         RunDirectoryError: another process plays it, or a file cannot be written.
         InfrastructureError, InterruptedRunError: it is incomplete; the same call continues.
-        PolicyError: a policy cannot be loaded.
     """
     with files.lock_directory(entry.results):
         row = _keep_draws(entry)
@@ -250,7 +256,7 @@ def play_row(
                     if one.training == part.training
                 )
                 _play_part(entry, part, engine, _within_limit(callbacks, left), directory)
-        except errors.HopelessRunError as error:
+        except (errors.HopelessRunError, errors.PolicyLoadError) as error:
             waiting = str(error).partition("\n")[0]
         finally:  # also of a play that ends here: a board shows the suites that are finished
             row = replace(_with_played(entry, row), waiting=waiting)
@@ -285,7 +291,8 @@ def _keep_draws(entry: Entry) -> RowFacts:
         for training in entry.submission.trainings
     )
     if draws != row.draws:
-        row = RowFacts(draws)
+        before = dict.fromkeys((*row.retired, *row.draws))
+        row = RowFacts(draws, tuple(one for one in before if one not in draws))
         files.write_file(entry.results / ROW_FILE, write_toml(row))
     return row
 
@@ -331,7 +338,11 @@ def _play_part(
         exploration=policy if part.explores else None,
         name=entry.name,
     )
-    header, place = header_of(setup), directory / entry.name / part.place
+    # By the draw: a row that is played again elsewhere continues no run of another draw.
+    header, place = (
+        header_of(setup),
+        directory / entry.name / part.draw.randomness[:12] / part.place,
+    )
     with files.lock_directory(place):
         try:
             opened = open_run(header, place, resume=True)
@@ -346,5 +357,5 @@ def _play_part(
     files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)
     shutil.rmtree(place)
     with suppress(OSError):  # other runs may be unfinished
-        place.parent.rmdir()
-        place.parent.parent.rmdir()
+        for folder in [*place.parents][:3]:
+            folder.rmdir()

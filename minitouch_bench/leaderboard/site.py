@@ -112,7 +112,7 @@ def read_rows(
         name = directory.name
         names.add(name)
         if problem := next(check_submission(directory), ""):
-            left_out.append(LeftOut(printable(name), problem))
+            left_out.append(LeftOut(printable(name), printable(problem)))
             continue
         entry = Entry.open(directory, results)
         try:

@@ -150,8 +150,10 @@ def check_submission(directory: Path) -> Iterator[str]:
     except UsageError as error:
         yield str(error)
         return
-    if submission.name != directory.resolve().name:
-        yield f"the name is '{submission.name}', the directory '{directory.resolve().name}'"
+    if directory.is_symlink():
+        yield "it is a link: a submission is a directory of its own"
+    if submission.name != directory.name:
+        yield f"the name is '{submission.name}', the directory '{directory.name}'"
     if found := [*mistakes(submission)]:
         yield from found
         return

@@ -60,9 +60,12 @@ def check_run(run: Run) -> tuple[Problem, ...]:
 
     What follows from its episodes is looked at where they are those of its plan and unedited.
     """
-    if problems := check_plan(run):
-        return problems
-    return (*_faults(run), *_digest(run)) or tuple(_estimates(run))
+    return check_episodes(run) or tuple(_estimates(run))
+
+
+def check_episodes(run: Run) -> tuple[Problem, ...]:
+    """Return every problem of a run's header and episodes; no estimate is computed."""
+    return check_plan(run) or (*_faults(run), *_digest(run))
 
 
 def check_plan(run: Run) -> tuple[Problem, ...]:

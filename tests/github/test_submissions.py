@@ -17,9 +17,18 @@ print(" ".join(words))
 if words[:2] == ["leaderboard", "play"]:
     raise SystemExit(5 if "slow" in words else 0)
 place = pathlib.Path("submissions", words[-1] if words[0] == "leaderboard" else words[1][12:])
-codes = (place / "code").read_text().split()
-raise SystemExit(int(codes[words[0] == "evaluate"]))
+if words[0] == "leaderboard":
+    raise SystemExit(int((place / "code").read_text().split()[0]))
+raise SystemExit(int((place.parent / "code").read_text().split()[int(place.name[5:])]))
 """
+
+TRAININGS = "[[trainings]]\nseed = 1\n[[trainings]]\nseed = 2\n"
+
+
+def mine(codes, more=""):
+    """A submission of two trainings, and the codes of its check and of each one's episodes."""
+    text = more + TRAININGS
+    return {"submissions__mine__code": codes, "submissions__mine__submission.toml": text}
 
 
 def commit(clone, **files):
@@ -62,28 +71,38 @@ def check(script, clone, head, base):
 
 def test_a_sound_submission_is_checked_and_plays_smoke(script, clone, tmp_path):
     base = commit(clone, README="")
-    head = commit(clone, submissions__mine__code="0 0")
+    head = commit(clone, **mine("0 0 0"))
     code, result, text = check(script, clone, head, base)
     assert (code, result) == (0, {"head": head, "outcomes": {"mine": "sound"}})
-    assert text == "leaderboard check mine\nevaluate submissions/mine --suite smoke\n"
+    played = "evaluate submissions/mine/seed-{} --suite smoke\n"
+    assert text == "leaderboard check mine\n" + played.format(1) + played.format(2)
     assert "| `mine` | sound |" in (tmp_path / "summary").read_text()
 
 
 @pytest.mark.parametrize(
     ("codes", "outcome"),
     [
-        ("1 0", "refused"),
-        ("0 3", "refused"),
-        ("0 4", "sound, with policy faults"),
-        ("0 5", "the check failed with exit code 5"),
+        ("1 0 0", "refused"),
+        ("0 0 3", "refused"),
+        ("0 4 3", "refused"),
+        ("0 4 0", "sound, with policy faults"),
+        ("0 5 0", "the check failed with exit code 5"),
     ],
 )
 def test_any_other_outcome_is_named(script, clone, codes, outcome):
     base = commit(clone, README="")
-    head = commit(clone, submissions__mine__code=codes)
+    head = commit(clone, **mine(codes))
     ended, result, _ = check(script, clone, head, base)
     assert result["outcomes"] == {"mine": outcome}
     assert ended == (0 if outcome.startswith("sound") else 1)
+
+
+def test_a_submission_for_the_dark_alone_plays_in_the_dark(script, clone):
+    base = commit(clone, README="")
+    head = commit(clone, **mine("0 0 0", 'suites = ["dark"]\n'))
+    code, _, text = check(script, clone, head, base)
+    assert code == 0
+    assert text.count("--suite dark --episodes 5") == 2
 
 
 def test_the_end_of_a_long_output_is_kept_within_what_is_posted(script, tmp_path):

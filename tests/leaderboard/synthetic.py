@@ -120,7 +120,7 @@ def make_row(
         )
         for one in entry.submission.trainings
     )
-    row = RowFacts(draws, suites)
+    row = RowFacts(draws, played=suites)
     write_file(entry.results / ROW_FILE, write_toml(row))
     for part in entry.parts(row):
         own = fresh_skill if part.is_fresh and fresh_skill is not None else skill

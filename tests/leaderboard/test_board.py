@@ -1,5 +1,6 @@
 """What stands on a board: the figures against the runs' own, ranks, copies, who is left out."""
 
+import gzip
 import json
 import shutil
 from dataclasses import replace
@@ -7,11 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minitouch_bench.episode import Role
 from minitouch_bench.errors import RunDirectoryError
+from minitouch_bench.evaluation.engine import SILENT
 from minitouch_bench.json_io import plain, write_toml
-from minitouch_bench.leaderboard.board import FLOORS, in_order, make_board
+from minitouch_bench.leaderboard.board import FLOORS, find_copies, in_order, make_board
 from minitouch_bench.leaderboard.board_tables import board_markdown, views
-from minitouch_bench.leaderboard.play import ROW_FILE, Entry
+from minitouch_bench.leaderboard.play import (
+    ROW_FILE,
+    Entry,
+    FreshDraw,
+    PlayedRow,
+    RowFacts,
+    play_row,
+)
 from minitouch_bench.leaderboard.ranking import (
     BOARD_METRICS,
     BOARD_TASKS,
@@ -26,11 +36,19 @@ from minitouch_bench.leaderboard.site import build_board, read_rows
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds
 from minitouch_bench.metrics.summary import GAP_PARTS
+from minitouch_bench.policies.sources import CheckpointFile, SubmittedTraining
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, TASK_NAMES
 from minitouch_bench.reporting.endings import Ending
 from minitouch_bench.reporting.labels import estimate_cell
 from tests.altered import ROOT
-from tests.leaderboard.synthetic import ABOUT, MORNING, NOON, make_row, make_submission
+from tests.leaderboard.synthetic import (
+    ABOUT,
+    MORNING,
+    NOON,
+    entry_of,
+    make_row,
+    make_submission,
+)
 from tests.leaderboard.test_submission import schema
 
 BOTH = ("table4", "novel-shapes")
@@ -235,6 +253,51 @@ def test_a_copy_and_a_row_that_drops_have_no_rank_and_no_part_in_the_tests(tmp_p
         assert reason in (tmp_path / "board" / "submission" / f"{name}.html").read_text()
 
 
+def test_one_task_of_another_row_makes_a_copy(tmp_path):
+    """The later row has the first row's episodes of Pushing and the second one's of Opening."""
+    make_row(tmp_path, "one", 0.9)
+    make_row(tmp_path, "two", 0.5)
+    make_row(tmp_path, "collage", 0.7, at=NOON)
+    played, _, _ = read_rows(tmp_path / "submissions", tmp_path / "results")
+    assert make_board(played).unranked == ()
+    collage, one, two = (row.official["table4"][0] for row in played)
+    taken = {"pushing": one.rows, "opening": two.rows}
+    rows = [
+        row for task in collage.tasks for row in taken.get(task, collage.rows) if row.task == task
+    ]
+    played[0] = replace(played[0], official={"table4": (replace(collage, rows=tuple(rows)),)})
+    assert find_copies({row.submission.name: row for row in played}) == {"collage": "one"}
+
+
+def test_one_checkpoint_of_another_row_makes_a_copy():
+    def row(name, at, **digests):
+        files = (
+            CheckpointFile(Role.FINAL, task, f"{task}.safetensors", 64 * digit)
+            for task, digit in digests.items()
+        )
+        training = SubmittedTraining(0, tuple(files))
+        draw = FreshDraw(0, training.digest(Role.FINAL), "", "ab" * 32, at, "Xeon")
+        submission = replace(ABOUT, name=name, trainings=(training,))
+        return PlayedRow(submission, RowFacts((draw,)), {}, {})
+
+    first = row("first", MORNING, pushing="a", opening="b")
+    later = row("later", NOON, pushing="c", opening="b")
+    other = row("other", NOON, pushing="c", opening="d")
+    assert find_copies({"later": later, "first": first}) == {"later": "first"}
+    assert find_copies({"other": other, "first": first}) == {}
+
+
+def test_a_training_taken_out_after_its_play_is_named(tmp_path):
+    entry = make_row(tmp_path, "chosen", 0.7, seeds=(0, 1, 2))
+    shutil.rmtree(entry.directory)
+    make_submission(tmp_path / "submissions", "chosen", (0, 2), about=entry.submission)
+    assert [one.name for one in build(tmp_path).waiting] == ["chosen"]
+    play_row(entry_of(entry.directory), None, SILENT)  # which has no episode left to play
+    (row,) = build(tmp_path).ranked
+    assert row.training_seeds == (0, 2)
+    assert "1 training played before and taken out" in row.labels
+
+
 def test_what_is_not_played_waits_with_its_command(tmp_path):
     make_submission(tmp_path / "submissions", "new", about=replace(ABOUT, suites=BOTH))
     entry = make_row(tmp_path, "slow", 0.7, suites=BOTH)
@@ -274,6 +337,14 @@ def test_a_row_with_a_new_checkpoint_waits_until_it_is_played(tmp_path, before, 
 NEAR = "results/near/seed-0/table4"
 
 
+def edit_run(folder, before, after):
+    """Write something else in a result."""
+    file = folder / "run.json.gz"
+    content = gzip.decompress(file.read_bytes())
+    assert before in content
+    file.write_bytes(gzip.compress(content.replace(before, after)))
+
+
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
@@ -281,6 +352,8 @@ NEAR = "results/near/seed-0/table4"
         (lambda at: shutil.rmtree(at / "submissions/near"), "without a submission"),
         (lambda at: (at / "results/near/row.toml").write_text("{"), "row.toml"),
         (lambda at: shutil.copy(at / f"{NEAR}-fresh/run.json.gz", at / NEAR), "other episodes"),
+        (lambda at: edit_run(at / NEAR, b'"step_limit"', b'"success"'), "digest"),
+        (lambda at: edit_run(at / NEAR, b'"sandbox"', b'"none"'), "official"),
     ],
 )
 def test_what_cannot_be_shown_is_named_and_the_others_stay(root, tmp_path, spoil, word):

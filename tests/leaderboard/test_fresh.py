@@ -72,6 +72,20 @@ def test_a_table_of_stored_actions_drops_beyond_doubt_although_the_other_tasks_a
     assert drop([run(final, explored)], [later]) < SIGNIFICANCE
 
 
+@pytest.mark.parametrize("trainings", [1, 2])
+def test_tasks_that_cannot_drop_do_not_hide_one_that_does(trainings):
+    """All ten other tasks and suites are at 0, which no fresh episode is worse than."""
+    tasks = [f"task {number}" for number in range(10)]
+    useless = {task: of(0, 100) for task in tasks}
+    stored = [run({"pushing": of(99 - n, 100), **useless}) for n in range(trainings)]
+    later = [run({"pushing": of(30, 50), **useless})] * trainings
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fresh, "ranking_metric", lambda task: "success")
+        patch.setattr(fresh, "ORDERS", 20_000)
+        assert drop(stored, later) < SIGNIFICANCE
+        assert drop(stored[:1], [run({"pushing": of(48, 50), **useless})]) > SIGNIFICANCE
+
+
 def test_a_few_stored_episodes_of_playing_are_seen_in_the_mean_that_ranks():
     """A quarter of the official episodes is stored; the rank of most says nothing of them."""
     rng = np.random.default_rng(0)

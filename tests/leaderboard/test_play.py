@@ -174,8 +174,8 @@ def test_a_suite_is_played_alone_whatever_lies_of_the_others(entry_of_two, tmp_p
     with pytest.raises(InterruptedRunError):
         play(entry_of_two, Count(2, interrupt).callbacks(), suites=TWO[:1])
     assert play(entry_of_two, suites=TWO[1:]).played == TWO[1:]
-    unfinished = tmp_path / "results/play/hac/seed-0"
-    assert [path.name for path in unfinished.iterdir()] == ["table4"]
+    unfinished = (tmp_path / "results/play/hac").glob("*/seed-0/*")
+    assert [path.name for path in unfinished] == ["table4"]
     assert play(entry_of_two, suites=TWO[:1]).played == TWO
     (entry_of_two.results / "seed-0/novel-shapes/run.json.gz").write_bytes(b"\x1f\x8b")
     notes = Count()
@@ -190,6 +190,13 @@ def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     row = play(entry, count.callbacks())
     assert (count.episodes, row.played) == (1, ())
     assert "hours" in entry.read_row().waiting
+
+
+def test_a_policy_that_cannot_be_loaded_stays_waiting_with_the_reason(tmp_path, checkpoints):
+    broken = submit(tmp_path, b"no policy", checkpoints[1])
+    row = play(broken)
+    assert row.played == ()
+    assert "hac.safetensors" in broken.read_row().waiting
 
 
 PLAY = """
