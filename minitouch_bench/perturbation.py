@@ -102,7 +102,8 @@ class Perturbation(msgspec.Struct, frozen=True, omit_defaults=True):
     def in_words(self) -> tuple[str, ...]:
         """Return what is different, for people."""
         changed = (
-            f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')][2]}"
+            _LIGHTS.get((name, text))
+            or f"{name} {text.replace(':', ' to ')} {_ALLOWED[name.replace('-', '_')][2]}"
             for name, text in self._changed()
         )
         return (*(f"without {sense}" for sense in self.without), *changed)
@@ -133,6 +134,9 @@ _ALLOWED: Mapping[str, tuple[float, float, str]] = {
     "light": (0.0, 100.0, "times"),
 }
 """The least and the greatest value of each change, and their unit."""
+
+_LIGHTS = {("light", "0"): "light off", ("light", "1"): "light on"}
+"""Words for the two lights that a suite has."""
 
 _NOISY: Mapping[str, frozenset[Sense]] = {
     "noise": frozenset({"vision"}),

@@ -183,6 +183,7 @@ class GateResult:
     ``obstacle``: why a longer baseline cannot be made of what is here, "" where it can.
     """
 
+    suite: str
     baseline: ComparedRun
     candidate: ComparedRun
     decision: Decision
@@ -234,6 +235,7 @@ def judge_runs(
         for title, run, path in zip(GATE_SIDES, (baseline, candidate), paths, strict=True)
     ]
     return GateResult(
+        suite=baseline.plan.suite,
         baseline=named[0],
         candidate=named[1],
         decision=endpoint.decision,

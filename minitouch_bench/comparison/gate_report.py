@@ -23,6 +23,7 @@ from minitouch_bench.comparison.pairing import Effect
 from minitouch_bench.comparison.training_seeds import seeds_in_words, trainings_table
 from minitouch_bench.errors import IncompleteCheckError
 from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.protocol.minitouch import MAIN_SUITE
 from minitouch_bench.reporting import tables
 from minitouch_bench.reporting.labels import counted, difference_cell, format_value, listed
 from minitouch_bench.text import numbered, printable
@@ -74,20 +75,23 @@ def gate_json(result: GateResult) -> str:
 def gate_junit(result: GateResult) -> str:
     """Write a result as a JUnit report: the gate's own test case, and one per metric of a task.
 
-    The names of the cases depend on the baseline's tasks and metrics alone, not on the outcome.
+    The names of the cases depend on the baseline's suite, tasks and metrics alone, not on the
+    outcome.
     Not enough episodes are a failure where the gate fails, otherwise skipped. A metric of a task is
     skipped unless there is a regression, after which alone it is tested. Source of the form: the
     Ant task "JUnitReport", as CI servers read it.
     """
     answer, endpoint = result_line(result), result.endpoint
-    cases = [_case("gate", endpoint.effect, _kind(result), answer, endpoint.p_value)]
+    within = "" if result.suite == MAIN_SUITE else f"{result.suite}."
+    cases = [_case(f"{within}gate", endpoint.effect, _kind(result), answer, endpoint.p_value)]
     cases[0].set("name", f"{endpoint.effect.task} {endpoint.effect.metric}")
     cases[0].set("time", f"{result.wall_s:.3f}")
     for metric in result.per_task:
         kind, words = "failure" if metric.is_worse else "system-out", "worse"
         if metric.p_adjusted is None:
             kind, words = "skipped", "tested only after a regression"
-        cases.append(_case(metric.effect.task, metric.effect, kind, words, metric.p_adjusted))
+        group = f"{within}{metric.effect.task}"
+        cases.append(_case(group, metric.effect, kind, words, metric.p_adjusted))
     counts = {
         "tests": str(len(cases)),
         "failures": str(sum(case.find("failure") is not None for case in cases)),

@@ -50,10 +50,10 @@ def pair_runs(first: Run, second: Run) -> Pairs:
             the text says which.
     """
     runs = (first, second)
+    _refuse_other("suites", runs, [run.plan.suite for run in runs])
     left_out = first.header.rules_differ(second.header)
     is_all = {*left_out} == {*first.plan.tasks} & {*second.plan.tasks}
     _refuse_other("protocols", runs, [_rules(run, left_out if is_all else ()) for run in runs])
-    _refuse_other("suites", runs, [run.plan.suite for run in runs])
     _refuse_other("objects", runs, [run.plan.objects or "the tasks' own" for run in runs])
     _refuse_other("seeds", runs, [run.plan.seed for run in runs])
     here, there = (_by_key(run, left_out) for run in runs)

@@ -198,6 +198,7 @@ def judge_trainings(
     baseline, candidate = map(_side_of, GATE_SIDES, sides, paths)
     shown = (printable(path) for places in paths for path in places)
     return gate.GateResult(
+        suite=runs[0].plan.suite,
         baseline=baseline,
         candidate=candidate,
         decision=endpoint.decision,

@@ -15,6 +15,7 @@ from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.play import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.ranking import (
     BOARD_TASKS,
+    MEAN_OF,
     OVERALL,
     RANKED_BY,
     Pair,
@@ -25,7 +26,7 @@ from minitouch_bench.metrics.definitions import METRICS, ShownIn, metrics_shown_
 from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.formats import BUILT_IN
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, NOVEL_SHAPES, PROTOCOL
+from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
 from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import numbered
@@ -56,8 +57,8 @@ class BoardRow(About):
     main suite, "overall", or SUITE/TASK; ranks are empty for a row without a rank. Figures are by
     metric, in the units that ``docs/reference/metrics.md`` gives. ``novel_shapes`` by task: the
     metric that ranks it on held-out and on train shapes, and held-out minus train. ``learned``: how
-    many training seeds learned each task with a goal. ``endings``: number of episodes by how they
-    ended.
+    many training seeds learned each task with a goal, by the key of its table. ``endings``: number
+    of episodes by how they ended.
     """
 
     labels: tuple[str, ...]
@@ -99,14 +100,14 @@ class BoardRow(About):
         return ""
 
     def learned_in(self, key: str) -> str:
-        """Say how many training seeds learned a task, or all tasks (OVERALL); "" for one seed."""
+        """Say how many training seeds learned a table's task or tasks; "" for one seed."""
         seeds = len(self.training_seeds)
-        if seeds == 1 or not self.learned or key not in (OVERALL, *self.learned):
+        learned = [self.learned[one] for one in MEAN_OF.get(key, (key,)) if one in self.learned]
+        if seeds == 1 or not learned:
             return ""
-        if key == OVERALL:
-            trainings = f"{sum(self.learned.values())} of {seeds * len(self.learned)} trainings"
-            return f"{trainings} learned"
-        return f"{self.learned[key]} of {seeds} seeds learned"
+        if key in MEAN_OF:
+            return f"{sum(learned)} of {seeds * len(learned)} trainings learned"
+        return f"{learned[0]} of {seeds} seeds learned"
 
     def estimate(self, key: str, metric: str) -> Estimate | None:
         """Return an estimate, None where there is none."""
@@ -249,7 +250,7 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
         figures=ranking.score(official),
         fresh=ranking.score(played.fresh),
         novel_shapes=ranking.score_gaps(official.get(NOVEL_SHAPES, ())),
-        learned=ranking.count_learned(official.get(MAIN_SUITE, ())),
+        learned=ranking.count_learned(official),
         endings={task: _endings(chain(*played.episodes(task))) for task in BOARD_TASKS},
     )
 

@@ -30,6 +30,7 @@ from minitouch_bench.leaderboard.ranking import (
     MEAN_OF,
     OVERALL,
     RANKED_BY,
+    board_key,
 )
 from minitouch_bench.leaderboard.submission import (
     MODALITIES,
@@ -38,7 +39,7 @@ from minitouch_bench.leaderboard.submission import (
 )
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.summary import TABLE4_METRICS
-from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
+from minitouch_bench.protocol.minitouch import DARK, MAIN_SUITE, PROTOCOL
 from minitouch_bench.reporting import labels, pages, tables
 from minitouch_bench.reporting.charts import Figure
 from minitouch_bench.reporting.figures import peak_figure, steps_figure, touch_figure
@@ -185,7 +186,8 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
             if key in ranks
         ],
         cards=tuple(_card(row, task, ranks.get(task, "")) for task in BOARD_TASKS if main),
-        values=_values(row),
+        values=_values(row, MAIN_SUITE, "All values") if main else None,
+        dark=_values(row, DARK, "In the dark") if DARK in row.figures else None,
         trainings=_trainings(row, main) if len(main) > 1 else None,
         gaps=_gaps(row) if row.novel_shapes else None,
         fresh=_fresh(row),
@@ -214,21 +216,23 @@ def _card(row: BoardRow, task: str, rank: str) -> pages.Card:
     )
 
 
-def _values(row: BoardRow) -> Table:
+def _values(row: BoardRow, suite: str, title: str) -> Table:
     rows = []
+    tasks = [task for task in BOARD_TASKS if task in PROTOCOL.suite(suite).tasks]
+    keys = [board_key(suite, task) for task in tasks]
     for metric in (*TABLE4_METRICS, *TOUCH_METRICS):
-        cells = (labels.estimate_cell(metric, row.estimate(task, metric)) for task in BOARD_TASKS)
+        cells = (labels.estimate_cell(metric, row.estimate(key, metric)) for key in keys)
         head = (labels.metric_head(metric),)
         rows.append(Row(head, tuple(cells), unit=METRICS[metric].unit))
     note = f"{board_tables.EPISODE_VARIANCE[0].upper()}{board_tables.EPISODE_VARIANCE[1:]}."
     if len(row.training_seeds) > 1:
-        learned = (row.learned_in(task).removesuffix(" seeds learned") for task in BOARD_TASKS)
+        learned = (row.learned_in(key).removesuffix(" seeds learned") for key in keys)
         rows.append(tables.make_row(("Learned, training seeds",), *learned))
         note = board_tables.SEED_VARIANCE
     return Table(
-        title="All values",
+        title=title,
         corner=("Metric",),
-        columns=tables.make_columns(*map(task_title, BOARD_TASKS)),
+        columns=tables.make_columns(*map(task_title, tasks)),
         rows=tuple(rows),
         notes=(f"Brackets: 95 % interval. {note}",),
     )
@@ -269,9 +273,9 @@ def _fresh(row: BoardRow) -> Table:
         columns=tables.make_columns("Official", "Fresh"),
         rows=tuple(rows),
         notes=(
-            f"Fresh: {FRESH_EPISODES} episodes per task and training. One joint test over tasks, "
-            "trainings, suites and exploration: an equally good policy drops at least as much with "
-            f"probability {row.drop_p:.2g}.",
+            f"Brackets: 95 % interval. Fresh: {FRESH_EPISODES} episodes per task and training. One "
+            "joint test over tasks, trainings, suites and exploration: an equally good policy "
+            f"drops at least as much with probability {row.drop_p:.2g}.",
         ),
     )
 

@@ -1,7 +1,7 @@
 """Whether success depends on where an episode begins: one permutation test over all bins."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -133,13 +133,15 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[tuple[str, Memb
     starts = [scene.start for scene in scenes]
     places = np.array([start.position[:2] for start in starts]).reshape(-1, 2)
     if task == OPENING.name:
-        yield from _parts(places[:, 1], THIRDS, "the cabinet's middle is at y = {} to {} cm")
+        handles = places[:, 1] + OPENING.cabinet.hinge_y + OPENING.cabinet.handle_radius
+        yield from _parts(handles, THIRDS, _beside_the_robot)
         return
     has_target = all(start.target for start in starts)
     origins = [start.target or start.end_effector[:2] for start in starts]
     away = places - np.array(origins).reshape(-1, 2)
     other = "its target" if has_target else "the hand"
-    yield from _parts(np.hypot(*away.T), DISTANCES, f"the object lies {{}} to {{}} cm from {other}")
+    apart = f"the object lies {{:.1f}} to {{:.1f}} cm from {other}".format
+    yield from _parts(np.hypot(*away.T), DISTANCES, apart)
     ahead = np.round(np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi) * SECTORS) % SECTORS
     for sector, words in enumerate(DIRECTIONS):
         yield f"the object lies {words} {other}", ahead == sector
@@ -153,10 +155,19 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[tuple[str, Memb
         yield f"the shape is of the family {printable(family)}", families == family
 
 
-def _parts(values: Floats, number: int, words: str) -> Iterator[tuple[str, Members]]:
+def _beside_the_robot(low: float, high: float) -> str:
+    """Say between which places to the left of the robot, in cm, the handle is."""
+    if low >= 0 or high <= 0:
+        side, near, far = "left" if low >= 0 else "right", *sorted((abs(low), abs(high)))
+        return f"the handle is {near:.1f} to {far:.1f} cm {side} of the robot"
+    return f"the handle is between {-low:.1f} cm right and {high:.1f} cm left of the robot"
+
+
+def _parts(
+    values: Floats, number: int, words: Callable[[float, float], str]
+) -> Iterator[tuple[str, Members]]:
     """Yield bins of about equally many scenes; ``words`` takes their ends, in cm of m."""
     edges = np.quantile(values, np.linspace(0, 1, number + 1))
     part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
     for index, (low, high) in enumerate(pairwise(edges)):
-        ends = (f"{100 * low:.1f}", f"{100 * high:.1f}")
-        yield words.format(*ends), part == index
+        yield words(100 * low, 100 * high), part == index

@@ -225,7 +225,7 @@ def peak_figure(played: Mapping[str, Mapping[str, Sequence[Episode]]]) -> charts
         "The largest force of an episode by how it ended, episodes that touched: median (dot), "
         "middle half (thick) and range (thin) of each ending that has "
         f"{FEWEST} episodes or more. Each of a force's three components is cut off at "
-        f"{labels.force_limits(tuple(played))}."
+        f"{labels.force_limits(tuple(played))}, so a force is at most √3 times that."
     )
     return charts.Figure("peak-forces", "How hard it pressed, and the outcome", text, tuple(plots))
 

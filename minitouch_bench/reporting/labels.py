@@ -181,11 +181,15 @@ def describe_runs(
 def run_names(runs: Sequence[Run]) -> tuple[str, ...]:
     """Name each run by its policy until the names differ.
 
-    Equal names are followed by what differs from the suite, then by the run's own name, then by a
-    number.
+    Equal names are followed by the suite, if there are several, and by what differs from it, then
+    by the run's own name, then by a number.
     """
     policies = names = [printable(run.header.policy.name) for run in runs]
-    differences = [", ".join(run.plan.differences()) for run in runs]
+    several = len({run.plan.suite for run in runs}) > 1
+    differences = [
+        ", ".join((*([f"suite {run.plan.suite}"] if several else []), *run.plan.differences()))
+        for run in runs
+    ]
     for details in (differences, [run.name for run in runs]):
         counts = Counter(names)
         names = [
@@ -215,6 +219,8 @@ def run_labels(run: Run) -> tuple[str, ...]:
     """Return what a reader must know of a run: notes, why it is unofficial, what went wrong."""
     header, faults = run.header, [*group_faults(run.faults.items())]
     labels = list(header.policy.notes)
+    if is_dark(run):
+        labels.append("light off: every image is black")
     if header.exploration is not None:
         labels += [
             f"exploration policy: {note}"
@@ -231,6 +237,11 @@ def run_labels(run: Run) -> tuple[str, ...]:
     if share > MUCH_CLIPPING:
         labels.append(f"{share:.0%} of its actions were outside -1 to 1, and clipped")
     return tuple(printable(label) for label in labels)
+
+
+def is_dark(run: Run) -> bool:
+    """Tell whether a run's suite has the light off, and nothing of the run changes that."""
+    return run.plan.conditions.light is None and PROTOCOL.suite(run.plan.suite).light == 0.0
 
 
 TASKS = (*PAPER_TASKS, *(task for task in TASK_NAMES if task not in PAPER_TASKS))

@@ -81,8 +81,8 @@ def start_figure(tasks: Sequence[MappedTask]) -> charts.Figure:
     return charts.Figure(
         "starts",
         "Where it succeeds and fails",
-        f"{_view_in_words([one.task for one in tasks])} A square stands for several episodes "
-        f"and is divided by how they ended{click}.{how}",
+        f"{_view_in_words([one.task for one in tasks])} A square of several colors stands for "
+        f"several episodes{click}.{how}",
         tuple(plots),
         _in_order(levels),
     )
@@ -132,9 +132,14 @@ def change_figure(
 def _view_in_words(tasks: Collection[str]) -> str:
     """Say what the maps of some tasks show, and where their dots are."""
     view = "Where episodes begin, seen from above and to scale, the robot below."
+    if PUSHING.name in tasks:
+        goal = f"{100 * PUSHING.success_distance:g} cm"
+        view += f" Pushing: the gray square is the target, the circle its goal of {goal}."
     if OPENING.name in tasks:
-        view += " In Opening the handles are almost on one line, and their dots are stacked towards"
-        view += " the robot."
+        view += " Opening: the gray band is the cabinet. The handles are almost on one line, and "
+        view += "their dots are stacked towards the robot."
+    if {*tasks} - {PUSHING.name, OPENING.name}:
+        view += " A cross is the hand, a frame the workspace."
     return view
 
 
@@ -332,5 +337,5 @@ def _families(mapped: MappedTask) -> Iterator[charts.Plot]:
         labels.append(f"{printable(name)} ({sum(share.count for share in shares)})")
     rows, x = charts.name_axis(labels), charts.value_axis("Success, share of episodes", 1.0)
     chart = charts.Chart(x, rows, tuple(marks), charts.ROW * len(names))
-    caption = f"{mapped.caption}: by family (episodes)"
+    caption = f"{mapped.caption}: by family (episodes), 95 % intervals"
     yield charts.Plot(caption, f"{mapped.caption}: success by family of shapes", (chart,))

@@ -67,7 +67,8 @@ def build_report(
     run that this process wrote, by episode.
 
     ``names``: what the runs are called, by default by their policies. ``tasks`` and ``metrics``:
-    those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values.
+    those of Table 4, () for the usual ones. ``with_paper``: beside the paper's values, unless a run
+    is in the dark.
 
     Raises:
         UsageError: runs of which a task was played by other rules; names that do not fit
@@ -79,6 +80,7 @@ def build_report(
                 f"{_protocol_of(first)} and {_protocol_of(other)} cannot be in one table: "
                 f"the rules of {', '.join(differing)} differ"
             )
+    with_paper = with_paper and not any(map(labels.is_dark, runs))  # whose light was on
     sections, is_selection = labels.describe_runs(runs, names), bool(tasks or metrics)
     tasks = _chosen("task", tasks, labels.tasks_in_order(runs))
     metrics = _chosen("metric", metrics, tuple(METRICS)) if metrics else TABLE4_METRICS
@@ -111,7 +113,9 @@ def _browsed(
 
 
 def _protocol_of(run: Run) -> str:
-    return f"'{printable(run.place)}' ({run.header.protocol}, {run.header.protocol_digest[:12]})"
+    header = run.header
+    rules = f"{header.protocol}, {header.protocol_digest[:12]}, suite {run.plan.suite}"
+    return f"'{printable(run.place)}' ({rules})"
 
 
 def _chosen(what: str, asked: Sequence[str], known: tuple[str, ...]) -> tuple[str, ...]:

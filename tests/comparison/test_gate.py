@@ -257,6 +257,13 @@ def test_junit_has_a_case_for_the_answer_and_one_for_each_metric(other, lenient,
     assert not any("time" in case.attrib for case in others)
 
 
+def test_junit_names_a_suite_that_is_not_the_usual_one():
+    base, other = (with_header(make_saved(FEW, name), suite="smoke") for name in ("base", "other"))
+    names = case_names(junit_suite(judged(other, GateSettings(), base)))
+    assert names[0] == ("minitouch.smoke.gate", "mean success")
+    assert ("minitouch.smoke.pushing", "success") in names
+
+
 @pytest.mark.parametrize(
     ("tasks", "n"), [(("pushing",), 4), (("pushing", "opening"), 100), (("playing",), 100)]
 )

@@ -41,7 +41,7 @@ def test_dark_is_official_and_another_light_is_not():
     assert same == make_plan(DARK)
     assert make_plan("table4", conditions=Perturbation(light=(1.0, 1.0))).conditions == UNPERTURBED
     lit = make_plan(DARK, conditions=Perturbation(light=(1.0, 1.0)))
-    assert lit.why_unofficial() == ("light 1 times",)
+    assert lit.why_unofficial() == ("light on",)
     assert "--perturb light=1" in " ".join(lit.as_options())
     assert lit.mistake() == ""
 

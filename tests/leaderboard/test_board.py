@@ -153,7 +153,10 @@ def test_the_overall_mean_does_not_depend_on_the_numbers_of_the_seeds(played):
 
 def test_a_seed_has_learned_where_it_is_above_the_best_floor(played, rows):
     runs = played["seeds"].official["table4"]
-    assert count_learned(runs) == rows["seeds"].learned == dict.fromkeys(GOAL_TASKS, 3)
+    assert count_learned({"table4": runs}) == dict.fromkeys(GOAL_TASKS, 3)
+    assert rows["seeds"].learned == dict.fromkeys(GOAL_TASKS, 3)
+    in_the_dark = count_learned({"dark": runs[:1]})
+    assert in_the_dark == {"dark/opening": 1, "dark/pick-up": 1}
     assert rows["hac"].learned_in("pushing") == ""
     assert rows["seeds"].learned_in("pushing") == "3 of 3 seeds learned"
 
@@ -164,7 +167,7 @@ def test_the_floors_are_those_of_the_stored_rows():
     runs = [one.official["table4"][0] for one in stored]
     best = {task: max(run[task].success.value for run in runs) for task in GOAL_TASKS}
     assert best == FLOOR_SUCCESS
-    assert sum(count_learned(runs).values()) == 0
+    assert sum(count_learned({"table4": runs}).values()) == 0
 
 
 def test_a_row_s_numbers_follow_from_its_episodes(played, rows):
@@ -313,11 +316,19 @@ def test_what_is_not_played_waits_with_its_command(tmp_path):
 
 
 def test_the_suite_dark_has_a_table_and_ranks_of_its_own(tmp_path):
-    make_row(tmp_path, "feels", 0.8, suites=("dark",))
+    make_row(tmp_path, "feels", 0.8, suites=("dark",), seeds=(0, 1))
     make_row(tmp_path, "guesses", 0.2, suites=("table4", "dark"))
     board = build(tmp_path)
     (dark,) = (view for view in views(board) if view.title == "Dark")
     assert [(line.name, line.rank.best) for line in dark.lines] == [("feels", 1), ("guesses", 2)]
+    shown = [cell.small.partition("], ")[2] for cell in dark.lines[0].cells]
+    assert [text for text in shown if text] == [
+        "4 of 4 trainings learned",
+        *["2 of 2 seeds learned"] * 2,
+    ]
+    for name, tables in (("feels", ["In the dark"]), ("guesses", ["All values", "In the dark"])):
+        page = (tmp_path / "board" / "submission" / f"{name}.html").read_text()
+        assert [title for title in ("All values", "In the dark") if f"{title}<" in page] == tables
     (overall,) = (view for view in views(board) if view.title == "Overall")
     assert [line.name for line in overall.lines if line.rank] == ["guesses"]
 

@@ -17,7 +17,10 @@ from minitouch_bench.reporting.labels import (
     run_labels,
     run_names,
 )
+from minitouch_bench.reporting.report import build_report, show_report
 from minitouch_bench.runs.plan import PlannedObjects
+from tests.comparison.pairs import shown, with_header
+from tests.reporting.synthetic import make_run, save
 
 TABLE_4 = {
     "exploration": "0.403 0.181 0.077  0.669 0.564 0.380  0.063 0.013 0.005",
@@ -53,6 +56,25 @@ def test_runs_of_one_policy_are_told_apart(hac):
     blind = replace(plan, conditions=Perturbation(without=("vision",)))
     usual, changed = (replace(hac, header=replace(hac.header, plan=one)) for one in (plan, blind))
     assert run_names([usual, changed]) == ("hac-seed1", "hac-seed1 (without vision)")
+
+
+def test_a_run_in_the_dark_is_labeled_and_stands_beside_no_paper(hac):
+    tasks = ("opening", "pick-up")
+    run = save(make_run(tasks=tasks, episodes=5, exploration=False), "one")
+    dark, lit = (
+        with_header(run, suite="dark", conditions=Perturbation(light=light))
+        for light in (None, (1.0, 1.0))
+    )
+    assert "light off: every image is black" in run_labels(dark)
+    assert not any("light off" in label for label in run_labels(lit))
+    assert run_names([dark, hac]) == (
+        "hac-seed1 (suite dark, opening, pick-up, 5 episodes)",
+        "hac-seed1 (suite table4, 20 episodes)",
+    )
+    text = shown(show_report, build_report([dark]))
+    assert "light off" in text
+    assert "(paper)" not in text
+    assert "(paper)" in shown(show_report, build_report([lit]))
 
 
 def test_a_policy_whose_actions_are_mostly_clipped_is_said_to_be_one(scripted):
