@@ -7,7 +7,6 @@ results, where each method of the study is a submission of the same name.
 
 import argparse
 import sys
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from experiments.grid import (
     training_row,
     with_key,
 )
+from minitouch_bench.agents.config import read_recorded_config
 from minitouch_bench.files import RESULTS
 from minitouch_bench.policies.sources import directory_digest
 
@@ -35,11 +35,15 @@ SUITES = ("table4", "novel-shapes")
 
 def collect(training: Path, study: Path) -> None:
     """Add the curve and the policies of a finished training to the CSV files of a study."""
-    config = tomllib.loads((training / "config.toml").read_text(encoding="utf-8"))
-    cell = Cell(config["task"], config["method"], config["seed"], config["exploration"]["steps"])
-    if cell not in cells_of(read_design(study / "design.toml")):
+    config = read_recorded_config(training / "config.toml")
+    cell = Cell(config.task, config.method, config.seed, config.exploration.steps)
+    lacks_senses = config.exploration.without or config.task_phase.without
+    if lacks_senses or cell not in cells_of(read_design(study / "design.toml")):
         sys.exit(f"{training} is no training of {study}/design.toml")
-    rows = {"curves": read_progress(training), "trainings": pd.DataFrame([training_row(training)])}
+    row = training_row(training)
+    if int(row["control_steps"]) != config.steps:
+        sys.exit(f"{training} ended after {row['control_steps']} of {config.steps} control steps")
+    rows = {"curves": read_progress(training), "trainings": pd.DataFrame([row])}
     add_rows(study, cell, {name: with_key(frame, cell) for name, frame in rows.items()})
 
 

@@ -329,8 +329,6 @@ def train(
     }
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = take_table(_without_none(**given), TrainingConfig, base=base)
-    if task_alone and not asked.task_phase.steps:
-        raise UsageError("--task-without needs a task phase, which this training has not")
     directory = TRAININGS / asked.name if output is None else Path(output)
     with _shown(progress, callbacks, training_progress) as shown:
         is_done = run_training(

@@ -42,7 +42,8 @@ class PhaseConfig:
     ``initial_temperature``, so that the policy's entropy is ``target_entropy`` (nats per
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
     linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
-    the critic's estimate; exploration always uses 1. ``success_share``: share of each batch, at
+    the critic's estimate, without entropy terms or a correction for older policies; exploration
+    always uses 1. ``success_share``: share of each batch, at
     least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
     allowed.
     ``keypoint_updates``: in the task phase alone, gradient steps in which an encoder learns to find
@@ -74,6 +75,12 @@ class PhaseConfig:
     prior_weight: Factor = 0.0
     prior_steps: NotNegative = 0
     without: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for sense in self.without:
+            _check("sense", sense, SENSES)
+        # In one order, so that equal settings are equal however they are written.
+        object.__setattr__(self, "without", tuple(one for one in SENSES if one in self.without))
 
     def prior_weight_at(self, step: int) -> float:
         """Return the weight of the prior after ``step`` control steps of the phase."""
@@ -173,8 +180,6 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         if ":" not in self.method:
             _check("method", self.method, METHODS)
-        for sense in (*self.exploration.without, *self.task_phase.without):
-            _check("sense", sense, SENSES)
 
     @property
     def name(self) -> str:

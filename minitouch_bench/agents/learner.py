@@ -184,7 +184,8 @@ class Learner:
         """Draw a batch, and do one gradient step on the phase's reward.
 
         While exploring, the reward is the curiosity's, and the end of an episode is not terminal:
-        a terminal end would remove all later reward and so punish success.
+        a terminal end would remove all later reward and so punish success. No action follows an
+        end in the memory, so the critics' estimate there is extrapolated.
 
         Args:
             memory: Memory to draw from.

@@ -18,6 +18,7 @@ from minitouch_bench.agents.memory import CheckpointFiles, ReplayMemory
 from minitouch_bench.episode import Observation, Outcome
 from minitouch_bench.errors import InvalidActionError, RunDirectoryError, UsageError
 from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.evaluation.execution import package_versions
 from minitouch_bench.evaluation.recording import read_episodes
 from minitouch_bench.evaluation.rollout import run_episode
 from minitouch_bench.files import PROGRESS_FILE, os_errors_as, write_file
@@ -116,6 +117,8 @@ class Training:
         self._memory = ReplayMemory(config.replay_size, TOUCH_SIZE, spec.action_size, features)
         self._files = CheckpointFiles(directory)
         self._objects = PlannedObjects.of(config.objects).digest if config.objects else ""
+        self._made_with = {"device": device.type, **package_versions()}
+        self._begun_with = self._made_with
         self._tally = Tally()
         self._rows: list[ProgressRow] = []
         self._observation: Observation
@@ -151,6 +154,10 @@ class Training:
             InvalidActionError: the training diverged, so that the policy gives no numbers.
         """
         self._callbacks = callbacks
+        for name, before in self._begun_with.items():
+            if (now := self._made_with.get(name)) != before:
+                what = f"begun with {name} {before}, continued with {now or 'none'}"
+                callbacks.note(f"{what}: the result may differ from an uninterrupted training's")
         while self.step < self.config.steps:
             if self._callbacks.should_stop():
                 self._save()
@@ -316,6 +323,7 @@ class Training:
             "rows": [asdict(row) for row in self._rows],
             "learner": self._learner.state(),
             "objects": self._objects,
+            "made_with": self._made_with,
         }
 
     def _resume(self) -> None:
@@ -337,6 +345,7 @@ class Training:
             vars(self._tally).update(state["tally"])
             self._rows = [ProgressRow(**row) for row in state["rows"]]
             self._learner.load_state(state["learner"])
+            self._begun_with = state.get("made_with", self._made_with)  # absent in older ones
         if self._is_from_dataset:
             return
         self._observation, _ = self._environment.reset(seed=self._episode_seed())

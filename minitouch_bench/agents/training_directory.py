@@ -59,8 +59,9 @@ def run_training(
     resumed training.
 
     Raises:
-        UsageError: no such device, no control steps, settings with which the training diverges,
-            both ``resume`` and ``fresh``, or an own method without trust or with a fault.
+        UsageError: no such device, no control steps, senses that a phase lacks which there is not,
+            settings with which the training diverges, both ``resume`` and ``fresh``, or an own
+            method without trust or with a fault.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.
@@ -72,6 +73,13 @@ def run_training(
             "both phases have 0 control steps, so that nothing would be learned: give "
             "--exploration-steps or --task-steps"
         )
+    if config.exploration.without != config.task_phase.without:
+        if not config.task_phase.steps:
+            raise UsageError("--task-without needs a task phase, which this training has not")
+        if config.exploration.without and not config.exploration_steps:
+            raise UsageError(
+                "[exploration] without needs an exploration, which this training has not"
+            )
     if ":" in config.method and not trust:
         raise UsageError(
             f"'{config.method}' runs Python code of its own on this machine.\n"
@@ -83,6 +91,11 @@ def run_training(
         config = replace(config, method_digest=digest_method(config.method))
         known = _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         callbacks.phase("training", config.steps)
+        if config.steps <= config.random_steps and not config.dataset:
+            callbacks.note(
+                f"nothing is learned: all {config.steps:,} control steps are of the "
+                f"{config.random_steps:,} random ones (random_steps)"
+            )
         with closing(Training(config, directory, chosen)) as training:
             training.start(fresh=fresh)
             if fresh:  # nothing can be refused any more

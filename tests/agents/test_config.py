@@ -42,6 +42,11 @@ def test_the_settings_that_the_pages_show_are_settings(tmp_path, page):
         assert make_config("pushing", file=tmp_path / "settings.toml") != make_config("pushing")
 
 
+def test_senses_are_in_one_order_however_they_are_written():
+    phase = PhaseConfig(10, without=("vision", "forces", "vision"))
+    assert phase == PhaseConfig(10, without=("forces", "vision"))
+
+
 def test_the_target_entropy_falls_evenly_and_then_stays():
     phase = PhaseConfig(100, target_entropy=0.0, final_target_entropy=-3.0, entropy_steps=60)
     assert [phase.target_entropy_at(step) for step in (0, 20, 60, 100)] == [0.0, -1.0, -3.0, -3.0]

@@ -17,6 +17,7 @@ from minitouch_bench.errors import (
     RunDirectoryError,
     UsageError,
 )
+from minitouch_bench.evaluation.engine import Callbacks
 from tests.agents.trainings import CONFIG, KilledError, break_off, outcome
 from tests.shapegen.conftest import subset
 
@@ -253,3 +254,19 @@ def test_a_checkpoint_of_another_form_is_refused(prepared, change, word):
     with pytest.raises(RunDirectoryError, match=rf"checkpoint\.pt cannot be .*{word}") as refused:
         break_off(prepared, 0)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def test_a_training_that_goes_on_with_another_package_says_so(prepared, monkeypatch):
+    notes, versions = [], training.package_versions()
+    callbacks = Callbacks(note=notes.append)
+    monkeypatch.setattr(training, "package_versions", lambda: {**versions, "torch": "0"})
+    run_training(CONFIG, prepared, resume=True, device="cpu", callbacks=callbacks)
+    (said,) = [note for note in notes if "continued with" in note]
+    assert f"torch {versions['torch']}, continued with 0" in said
+
+
+def test_a_training_without_a_gradient_step_says_so(tmp_path):
+    notes = []
+    short = replace(CONFIG, random_steps=50, exploration=PhaseConfig(5), task_phase=PhaseConfig(0))
+    run_training(short, tmp_path, device="cpu", callbacks=Callbacks(note=notes.append))
+    assert "nothing is learned" in notes[0]

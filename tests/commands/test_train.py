@@ -49,15 +49,22 @@ def test_each_option_changes_its_own_setting_alone(train):
         assert train("pushing", option, text)[0] == replace(base, **change), option
 
 
-def test_senses_of_the_task_phase_name_the_directory_and_need_that_phase(train, tmp_path):
+def test_senses_of_the_task_phase_name_the_directory(train):
     options = ("--without", "forces", "--task-without", "vision")
     config, directory, _ = train("opening", *options)
     assert config.exploration.without == ("forces",)
     assert config.task_phase.without == ("forces", "vision")
     assert directory == Path("reports/training/opening-hac-no-forces-task-no-vision-0")
+
+
+def test_senses_of_a_phase_that_there_is_not_are_refused(tmp_path):
+    (tmp_path / "task.toml").write_text('task_phase.without = ["vision"]')
+    (tmp_path / "explore.toml").write_text('exploration.without = ["vision"]')
     for arguments, word in (
         (("playing", "--task-without", "vision"), "needs a task phase"),
         (("opening", "--task-without", "smell"), "no sense 'smell'"),
+        (("playing", "--config", "task.toml"), "needs a task phase"),
+        (("opening", "--method", "sac", "--config", "explore.toml"), "needs an exploration"),
     ):
         run("train", *arguments, directory=tmp_path).refused(2, word)
 

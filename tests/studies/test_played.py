@@ -1,5 +1,7 @@
 """Rows of a study that come from the leaderboard's results."""
 
+import shutil
+
 import pandas as pd
 import pytest
 
@@ -47,7 +49,18 @@ def test_a_training_that_is_not_of_the_design_or_not_played_is_refused(trained, 
     design.write_text((study / "design.toml").read_text().replace("[3]", "[4]"))
     with pytest.raises(SystemExit, match="no training of"):
         collect(training, tmp_path)
-    assert [*tmp_path.iterdir()] == [design]
+    design.write_text((study / "design.toml").read_text())
+    other = shutil.copytree(training, tmp_path / "training")
+    config = (other / "config.toml").read_text()
+    for before, after, words in (
+        ("without = []", 'without = ["forces"]', "no training of"),
+        ("[task_phase]\nsteps = 0", "[task_phase]\nsteps = 9", "ended after 45 of 54"),
+    ):
+        assert before in config
+        (other / "config.toml").write_text(config.replace(before, after))
+        with pytest.raises(SystemExit, match=words):
+            collect(other, tmp_path)
+    assert {*tmp_path.iterdir()} == {design, other}
     played_rows.cache_clear()
     with pytest.raises(SystemExit, match="has a row"):
         played_rows(study, tmp_path)
