@@ -25,6 +25,7 @@ from minitouch_bench.files import PROGRESS_FILE, os_errors_as, write_file
 from minitouch_bench.policies.native import NativePolicy, save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
+from minitouch_bench.protocol.spec import TaskSpec
 from minitouch_bench.runs.plan import Plan, PlannedObjects
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -193,8 +194,8 @@ class Training:
 
     def _begin(self) -> None:
         if self.config.dataset:
-            action_size = self._learner.sac.action_size
-            fill_from_dataset(self._memory, Path(self.config.dataset), action_size)
+            task = self._environment.task.spec
+            fill_from_dataset(self._memory, Path(self.config.dataset), task)
         if not self._is_from_dataset:
             self._begin_episode()
 
@@ -353,7 +354,7 @@ class Training:
             self._observation = self._environment.step(action)[0]
 
 
-def fill_from_dataset(memory: ReplayMemory, path: Path, action_size: int) -> None:
+def fill_from_dataset(memory: ReplayMemory, path: Path, task: TaskSpec) -> None:
     """Fill the replay memory with the episodes of a recorded dataset.
 
     Raises:
@@ -361,7 +362,7 @@ def fill_from_dataset(memory: ReplayMemory, path: Path, action_size: int) -> Non
         UsageError: there is no such dataset, it is of another environment, damaged, without a
             control step or larger than the memory.
     """
-    for episode in read_episodes(path, action_size):
+    for episode in read_episodes(path, task):
         memory.begin_episode(episode.images[0], episode.touch[0])
         for step, action in enumerate(episode.actions):
             memory.add(

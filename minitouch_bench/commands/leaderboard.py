@@ -16,9 +16,16 @@ BOARD = REPORTS / "leaderboard"
 
 app = make_group(help="Check submissions, play their rows, and build the leaderboard.")
 
-Names = Annotated[list[str], argument("NAME", "Names of submissions.")]
+Names = Annotated[list[str], argument("NAME", "Names of submissions, or their directories.")]
 Submissions = Annotated[Path, option("DIR", "Directory of all submissions.")]
 Results = Annotated[Path, option("DIR", "Directory of the rows' results.")]
+
+
+def _names(given: list[str], submissions: Path) -> list[str]:
+    """Return the names of submissions that are given by their names or directories."""
+    places = [(name, Path(name)) for name in given]
+    here = submissions.absolute()
+    return [place.name if place.absolute().parent == here else name for name, place in places]
 
 
 @app.command(cls=Command, epilog="Example: minitouch-bench leaderboard check my-policy")
@@ -31,7 +38,7 @@ def check(names: Names, *, submissions: Submissions = SUBMISSIONS) -> None:
     )
 
     is_valid = True
-    for name in names:
+    for name in _names(names, submissions):
         if problems := [*check_submission(submissions / name)]:
             print_problems(name, problems)
             is_valid = False
@@ -62,7 +69,7 @@ def play(
     from minitouch_bench.leaderboard.submission import check_submission
 
     entries = []
-    for name in names:
+    for name in _names(names, submissions):
         if problems := [*check_submission(submissions / name)]:
             print_problems(name, problems)
             raise typer.Exit(errors.CHECK_FAILED)

@@ -56,7 +56,8 @@ def report(
         figures.check_figure(figure)
     opened = [read_run(run) for run in runs]
     first, is_single = opened[0].directory or Path(), len(opened) == 1
-    usual = reporting.view_directory(first) if is_single else COMPARISONS / _name_of(opened)
+    is_whole = is_single and not (tasks or metrics or names)  # a part never replaces the run's page
+    usual = reporting.view_directory(first) if is_whole else COMPARISONS / _name_of(opened)
     directory = output or usual
     is_own = is_single and os.path.realpath(directory) == os.path.realpath(first)
     if holds_run(directory) and not is_own:

@@ -14,6 +14,7 @@ from minitouch_bench.commands import options
 from minitouch_bench.console import data_console, episode_progress, note
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
+from minitouch_bench.files import SUBMISSION_FILE
 from minitouch_bench.policies.policy import Isolation, IsolationOptions, isolation_options
 from minitouch_bench.text import numbered, printable
 
@@ -123,7 +124,8 @@ def _source_of(recorded: "PolicyIdentity | None", option: str) -> str | None:
             f"the policy is {recorded.source}, which is contacted or run only if you name it.\n"
             f"If you trust it, give it with {option}"
         )
-    if recorded.digest and not os.path.exists(recorded.source):
+    submission = Path(recorded.source).parent / SUBMISSION_FILE  # its trainings are no directories
+    if recorded.digest and not (os.path.exists(recorded.source) or submission.is_file()):
         raise errors.IncompleteCheckError(
             f"the checkpoint {recorded.source} is gone: no episode can be run again.\n"
             f"Say with {option} where it is now"

@@ -21,6 +21,7 @@ from minitouch_bench.evaluation.rollout import EpisodeRunner
 from minitouch_bench.machine import require, require_minari
 from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.policy import IMAGE_SHAPE, TOUCH_SHAPE
+from minitouch_bench.protocol.spec import TaskSpec
 from minitouch_bench.tasks.environment import OBJECT, MiniTouchEnv
 
 TOUCH_NAMES = (
@@ -234,8 +235,10 @@ class RecordedEpisode:
     success: NDArray[np.float32]
 
 
-def read_episodes(path: Path, action_size: int) -> Iterator[RecordedEpisode]:
+def read_episodes(path: Path, task: TaskSpec) -> Iterator[RecordedEpisode]:
     """Read the episodes of a Minari dataset, a directory as ``minitouch-bench record`` writes it.
+
+    What ``record`` wrote names its task; any other dataset is of the task if its arrays fit.
 
     Raises:
         MissingExtraError: Minari is not installed.
@@ -243,8 +246,12 @@ def read_episodes(path: Path, action_size: int) -> Iterator[RecordedEpisode]:
     """
     minari = require_minari()
     with files.damage_as(errors.UsageError, f"{path} is not a Minari dataset of this task"):
-        for episode in minari.MinariDataset(path).iterate_episodes():
-            yield _checked(episode, action_size)
+        dataset = minari.MinariDataset(path)
+        namespace, *named = str(dataset.spec.dataset_id).split("/")
+        if namespace == "minitouch" and named and named[0] != task.name:
+            raise ValueError(f"it was recorded in {named[0]}, and this is {task.name}")
+        for episode in dataset.iterate_episodes():
+            yield _checked(episode, task.action_size)
 
 
 def _checked(episode: Any, action_size: int) -> RecordedEpisode:

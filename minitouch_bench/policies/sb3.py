@@ -101,6 +101,8 @@ def load_sb3(source: PolicySource) -> Sb3Policy:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(source.content)) as archive:
+            if "data" not in archive.namelist():
+                raise PolicyLoadError("it has no model: write it with model.save()")
             settings, weights = archive.read("data"), archive.read("policy.pth")
         policy = _build(_open_settings(settings), weights)
     except (ImportError, PermissionError) as error:

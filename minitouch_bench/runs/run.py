@@ -179,7 +179,7 @@ class Run:
 
     @property
     def episodes(self) -> "pd.DataFrame":
-        """One row per episode, with the columns of ``episodes.csv``, family, split and digest."""
+        """One row per episode: the columns of ``episodes.csv``, family, split, digest and start."""
         return episodes_frame(self.rows)
 
     @property
@@ -387,6 +387,9 @@ def read_run(directory: Path) -> Run:
             what = "contains an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():
             what = f"is not a run directory: it has no {files.RUN_FILE}"
+            found = [*file.parent.glob("*/run.json*"), *file.parent.glob("*/*/run.json*")]
+            if found:
+                what += f", but {min(found).parent.relative_to(file.parent)} in it is one"
         else:
             what = "is not a run directory: it does not exist"
         raise RunDirectoryError(f"{file.parent} {what}") from error

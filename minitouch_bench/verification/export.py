@@ -152,8 +152,10 @@ def _exported(module: nn.Module) -> bytes:
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever forward raises, SystemExit too
-            text = f"torch.export cannot export {type(module).__name__}: {describe(error)}"
-            raise PolicyLoadError(text) from error
+            raise PolicyLoadError(
+                f"torch.export cannot export {type(module).__name__}: {describe(error)}.\n"
+                "Its forward takes an image, uint8 (1, 1, 84, 84), and touch, float32 (1, 11)"
+            ) from error
     return written.getvalue()
 
 

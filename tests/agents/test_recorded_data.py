@@ -17,6 +17,7 @@ from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.agents.training_directory import run_training
 from minitouch_bench.errors import UsageError
 from minitouch_bench.evaluation.engine import Callbacks
+from minitouch_bench.protocol.minitouch import PUSHING
 from tests.agents.trainings import CONFIG, break_off
 
 LENGTHS = (4, 7)
@@ -51,7 +52,7 @@ def write_log(path, touch_size=11, dense=False):
 def test_the_memory_holds_every_recorded_step_and_success(tmp_path, dense):
     write_log(tmp_path / "log", dense=dense)
     memory = ReplayMemory(100, 11, 4)
-    fill_from_dataset(memory, tmp_path / "log", 4)
+    fill_from_dataset(memory, tmp_path / "log", PUSHING)
     assert memory.rows == sum(LENGTHS) + len(LENGTHS)
     assert len(memory.episode_actions()) == LENGTHS[-1]
     led = memory.state()["_led_to_success"].nonzero().flatten().tolist()
@@ -61,7 +62,7 @@ def test_the_memory_holds_every_recorded_step_and_success(tmp_path, dense):
 def is_refused(path, words="is not a Minari dataset", capacity=100):
     """Check that a memory refuses a dataset in one line with these words."""
     with pytest.raises(UsageError, match=words) as refused:
-        fill_from_dataset(ReplayMemory(capacity, 11, 4), path, 4)
+        fill_from_dataset(ReplayMemory(capacity, 11, 4), path, PUSHING)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -161,7 +162,7 @@ def test_sac_acts_from_the_first_step_with_the_log_in_its_memory(tmp_path):
     assert run_training(config, tmp_path / "run", device="cpu")
     memory, log_alone = (ReplayMemory(config.replay_size, 11, 4) for _ in range(2))
     CheckpointFiles(tmp_path / "run").load(memory)
-    fill_from_dataset(log_alone, tmp_path / "log", 4)
+    fill_from_dataset(log_alone, tmp_path / "log", PUSHING)
     assert memory.rows == log_alone.rows + 1 + config.steps
     ours, theirs = (one.state()["_led_to_success"] for one in (memory, log_alone))
     assert torch.equal(ours[: len(theirs)], theirs)

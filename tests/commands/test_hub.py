@@ -118,8 +118,9 @@ def test_another_file_on_the_hub_is_refused_and_a_hub_out_of_reach_is_no_fault(
     file = submitted / "submission.toml"
     file.write_text(re.sub('sha256 = "[0-9a-f]{64}"', f'sha256 = "{"0" * 64}"', file.read_text()))
     done = run("leaderboard", "play", "mine", directory=tmp_path)
-    assert done.code == 3
-    assert done.err.endswith("its SHA-256 is not that of submission.toml\n")
+    assert done.code == 5
+    assert "waiting" in done.out
+    assert done.out.endswith("its SHA-256 is not that of submission.toml\n")
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "empty"))
     done = run_installed("leaderboard", "play", "mine", directory=tmp_path)

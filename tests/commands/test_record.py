@@ -9,7 +9,8 @@ import typer
 from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.agents.training import fill_from_dataset
 from minitouch_bench.commands.record import record
-from minitouch_bench.errors import PolicyLoadError, RunDirectoryError
+from minitouch_bench.errors import PolicyLoadError, RunDirectoryError, UsageError
+from minitouch_bench.protocol.minitouch import PICK_UP, PUSHING
 from tests.commands.command import finish, start
 from tests.process_tree import WITHOUT_LOCKS, run_python, wait_until
 
@@ -27,8 +28,10 @@ def test_minari_and_a_training_read_what_was_recorded_and_it_is_not_overwritten(
         assert np.flatnonzero(ends).tolist() == [steps - 1]
         assert np.flatnonzero(episode.infos["is_success"]).tolist() == [steps]
     replay = ReplayMemory(1000, 11, 4)
-    fill_from_dataset(replay, dataset, 4)
+    fill_from_dataset(replay, dataset, PUSHING)
     assert replay.rows == sum(len(one.actions) + 1 for one in episodes)
+    with pytest.raises(UsageError, match="recorded in pushing"):
+        fill_from_dataset(replay, dataset, PICK_UP)
     with pytest.raises(RunDirectoryError, match="--output"):
         record("random", "pushing", output=dataset, episodes=1)
 
@@ -64,12 +67,14 @@ WITHOUT = f"""
 import sys
 from pathlib import Path
 from minitouch_bench.agents.training import fill_from_dataset
+from minitouch_bench.protocol.minitouch import PUSHING
 from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.commands.record import record
+from minitouch_bench.protocol.minitouch import PUSHING
 {WITHOUT_LOCKS}
 record("random", "pushing", output=Path(sys.argv[1]), episodes=1)
 replay = ReplayMemory(1000, 11, 4)
-fill_from_dataset(replay, Path(sys.argv[1]), 4)
+fill_from_dataset(replay, Path(sys.argv[1]), PUSHING)
 assert replay.rows
 """
 

@@ -9,7 +9,7 @@ import minitouch_bench as mt
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import make_header, read_run, run_json
-from tests.altered import edit_document
+from tests.altered import ROOT, edit_document
 from tests.commands.command import run, succeed
 from tests.commands.conftest import ONE
 from tests.evaluation.misbehaved import Still
@@ -76,6 +76,15 @@ def test_a_server_or_code_that_a_run_names_is_used_only_if_the_user_names_it(cop
         of_policy(copy, kind=kind, source="misbehaved:Still", digest="", notes=())
         unnamed = run("verify", copy, "--rerun", 1, "--trust", directory=copy.parent)
         unnamed.refused(5, "misbehaved:Still", "only if you name it", "--policy")
+
+
+def test_a_run_of_a_submission_is_run_again_with_its_checkpoint(tmp_path):
+    (tmp_path / "submissions").symlink_to(ROOT / "submissions")
+    succeed("evaluate", "submissions/hac/seed-31", *ONE, directory=tmp_path)
+    (place,) = (tmp_path / "reports").iterdir()
+    assert place.name.startswith("hac-seed-31-")
+    done = succeed("verify", place, "--rerun", 1, directory=tmp_path)
+    assert "run again with the checkpoint" in done.out
 
 
 def test_what_cannot_be_run_again_is_said_and_no_option_is_ignored(scripted, tmp_path):
