@@ -31,7 +31,10 @@ def test_every_problem_has_a_line_and_the_exit_code_is_1(root):
     assert [line.split(":")[0] for line in done.out.splitlines()] == ["hac", "hac", "new", "nosuch"]
     assert "new: files and rules in order" in done.out
     assert "\x1b" not in done.out
-    succeed("leaderboard", "check", "new", directory=root)
+    for name in ("new", "submissions/new/", root / "submissions" / "new"):
+        assert succeed("leaderboard", "check", name, directory=root).out.startswith("new: ")
+    nearby = run("compare", "reports/results/hac", "reports/results/hac", directory=root)
+    nearby.refused(6, "seed-0/table4 in it is one")
 
 
 def test_rows_are_played_and_a_broken_one_is_named(root, monkeypatch):

@@ -28,6 +28,14 @@ def test_the_report_of_another_run_is_not_replaced(scripted, tmp_path):
     assert (tmp_path / "first" / "report.html").read_bytes() == before
 
 
+def test_a_part_of_a_run_does_not_replace_its_page(copy, tmp_path):
+    succeed("report", copy, directory=tmp_path)
+    before = (copy / "report.html").read_bytes()
+    done = succeed("report", copy, "--metrics", "success", directory=tmp_path)
+    assert (copy / "report.html").read_bytes() == before
+    assert "reports/comparison/" in done.err
+
+
 def test_runs_are_called_what_the_user_says(scripted, copy, tmp_path):
     both = (scripted[1], copy)
     succeed("report", *both, "--names", "old, new", "--output", "both", directory=tmp_path)
