@@ -43,9 +43,8 @@ class PhaseConfig:
     action number). Over the phase's first ``entropy_steps`` control steps the target moves
     linearly to ``final_target_entropy``; with 0 it is constant. ``n_step``: rewards summed before
     the critic's estimate, without entropy terms or a correction for older policies; exploration
-    always uses 1. ``success_share``: share of each batch, at
-    least, that led to a success. ``updates_per_step``: gradient steps per control step, fractions
-    allowed.
+    always uses 1. ``success_share``: share of each batch, at least, that led to a success.
+    ``updates_per_step``: gradient steps per control step, fractions allowed.
     ``keypoint_updates``: in the task phase alone, gradient steps in which an encoder learns to find
     keypoints in the memory's images, before the first control step. A new actor and new critics,
     with layer norm, see the coordinates of these keypoints. With 0 the phase goes on with the

@@ -59,9 +59,9 @@ def run_training(
     resumed training.
 
     Raises:
-        UsageError: no such device, no control steps, senses that a phase lacks which there is not,
-            settings with which the training diverges, both ``resume`` and ``fresh``, or an own
-            method without trust or with a fault.
+        UsageError: no such device, no control steps, senses left out of a phase that the training
+            does not have, settings with which the training diverges, both ``resume`` and
+            ``fresh``, or an own method without trust or with a fault.
         RunDirectoryError: the directory is in use, is not empty and ``resume`` was not asked for,
             contains another training, or its checkpoint is damaged.
         InfrastructureError: a file cannot be written; the training can be resumed.

@@ -258,7 +258,7 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
 def _retired(played: PlayedRow) -> list[str]:
     """Say how many trainings were played and are not in the submission any more."""
     number = len(played.row.retired)
-    return [f"{numbered(number, 'training')} played before and taken out"] if number else []
+    return [f"{numbered(number, 'training')} played, then taken out or replaced"] if number else []
 
 
 def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:

@@ -298,7 +298,7 @@ def test_a_training_taken_out_after_its_play_is_named(tmp_path):
     play_row(entry_of(entry.directory), None, SILENT)  # which has no episode left to play
     (row,) = build(tmp_path).ranked
     assert row.training_seeds == (0, 2)
-    assert "1 training played before and taken out" in row.labels
+    assert "1 training played, then taken out or replaced" in row.labels
 
 
 def test_what_is_not_played_waits_with_its_command(tmp_path):
