@@ -20,7 +20,6 @@ from minitouch_bench.leaderboard.submission import check_submission, mistakes, r
 from minitouch_bench.machine import machine_facts
 from minitouch_bench.policies.sources import CheckpointFile, SubmittedTraining
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.static_check import check_run
 from tests.altered import DOCS, ROOT
 from tests.leaderboard.synthetic import ABOUT, make_submission
 
@@ -206,13 +205,6 @@ def test_a_stored_checkpoint_plays_the_episodes_of_its_row():
     policy = ROOT / "submissions" / place
     again = mt.evaluate(policy, suite="table4", episodes_from="opening/0")
     assert again.rows[0].digest == row.find("opening/0")[1].digest
-
-
-@pytest.mark.slow
-def test_every_number_of_the_stored_rows_follows_from_their_episodes():
-    files = [*(ROOT / "reports" / "results").rglob(PACKED_RUN_FILE)]
-    assert len(files) >= 50
-    assert {path: check_run(read_run(path)) for path in files} == dict.fromkeys(files, ())
 
 
 @pytest.mark.parametrize("directory", STORED, ids=lambda path: path.name)

@@ -3,10 +3,10 @@ import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.evaluation.engine import LocalEngine
-from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE
+from minitouch_bench.files import ACTIONS_FILE, JOURNAL_FILE, PACKED_RUN_FILE
 from minitouch_bench.runs.run import read_run
-from minitouch_bench.verification.static_check import Problem, compare_values
-from tests.altered import edit_document
+from minitouch_bench.verification.static_check import Problem, check_run, compare_values
+from tests.altered import ROOT, edit_document
 from tests.evaluation.runs import Here
 from tests.verification.conftest import verify_run
 
@@ -140,3 +140,10 @@ def test_each_difference_is_placed_and_what_a_stranger_wrote_reaches_no_terminal
     assert str(more) == "run.a: should not be there"
     for one, other in ((20.0, 20.0 * (1 + 1e-10)), (0.0, 1e-17)):  # rounding
         assert [*compare_values("run", one, other)] == []
+
+
+@pytest.mark.slow
+def test_every_number_of_the_stored_rows_follows_from_their_episodes():
+    files = [*(ROOT / "reports" / "results").rglob(PACKED_RUN_FILE)]
+    assert len(files) >= 50
+    assert {path: check_run(read_run(path)) for path in files} == dict.fromkeys(files, ())
