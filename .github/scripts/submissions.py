@@ -6,10 +6,10 @@
     submissions.py play [--base SHA --head SHA | --name NAME] [--stop-after 5h]
 
 ``check`` takes ``submissions/NAME/`` from the clone, checks it with this environment's program, and
-plays the suite ``smoke`` with each of its trainings. The change may be in one
-submission's directory and nowhere else. It writes ``result.json`` and ``output.txt`` for
-``post_report.py``. ``play`` plays the rows of the submissions that changed in this clone, into
-``played/``; what was played of them before is kept.
+plays a few episodes with each of its trainings. The change may be in one submission's directory and
+nowhere else. It writes ``result.json`` and ``output.txt`` for ``post_report.py``. ``play`` plays
+the rows of the submissions that changed in this clone, into ``played/``; what was played of them
+before is kept.
 """
 
 import argparse

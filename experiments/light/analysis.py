@@ -170,7 +170,7 @@ def _count_by_seed(curves: pd.DataFrame) -> tuple["pd.Series[float]", "pd.Series
 def check_trainings(design: Mapping[str, Any], directory: Path) -> None:
     """Exit where a training is not whole, or where the arms of a seed do not share an exploration.
 
-    One exploration: the same policy, bit for bit.
+    They share one where its policy is the same, bit for bit.
     """
     trainings = read_rows(directory, "trainings")
     explored = trainings.groupby("training_seed")["exploration_policy"]

@@ -68,18 +68,7 @@ def run_training(
     """
     if resume and fresh:
         raise UsageError("choose one of --resume and --fresh")
-    if not config.steps:
-        raise UsageError(
-            "both phases have 0 control steps, so that nothing would be learned: give "
-            "--exploration-steps or --task-steps"
-        )
-    if config.exploration.without != config.task_phase.without:
-        if not config.task_phase.steps:
-            raise UsageError("--task-without needs a task phase, which this training has not")
-        if config.exploration.without and not config.exploration_steps:
-            raise UsageError(
-                "[exploration] without needs an exploration, which this training has not"
-            )
+    _check_phases(config)
     if ":" in config.method and not trust:
         raise UsageError(
             f"'{config.method}' runs Python code of its own on this machine.\n"
@@ -106,6 +95,22 @@ def run_training(
                 files.write_file(directory / CONFIG_FILE, write_toml(config))
                 with _events_written(directory, callbacks) as watched:
                     return _run(training, directory, watched)
+
+
+def _check_phases(config: TrainingConfig) -> None:
+    """Refuse a training without control steps, or with senses of a phase that it does not have."""
+    if not config.steps:
+        raise UsageError(
+            "both phases have 0 control steps, so that nothing would be learned: give "
+            "--exploration-steps or --task-steps"
+        )
+    if config.exploration.without != config.task_phase.without:
+        if not config.task_phase.steps:
+            raise UsageError("--task-without needs a task phase, which this training has not")
+        if config.exploration.without and not config.exploration_steps:
+            raise UsageError(
+                "[exploration] without needs an exploration, which this training has not"
+            )
 
 
 def _run(training: Training, directory: Path, callbacks: Callbacks) -> bool:

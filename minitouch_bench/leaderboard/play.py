@@ -338,11 +338,9 @@ def _play_part(
         exploration=policy if part.explores else None,
         name=entry.name,
     )
+    header = header_of(setup)
     # By the draw: a row that is played again elsewhere continues no run of another draw.
-    header, place = (
-        header_of(setup),
-        directory / entry.name / part.draw.randomness[:12] / part.place,
-    )
+    place = directory / entry.name / part.draw.randomness[:12] / part.place
     with files.lock_directory(place):
         try:
             opened = open_run(header, place, resume=True)

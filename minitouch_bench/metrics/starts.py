@@ -17,6 +17,9 @@ from minitouch_bench.text import printable
 PERMUTATIONS = 999
 """A p-value is at least 1 / 1,000, which 50 tests at 5 % together still resolve."""
 
+HANDLE = OPENING.cabinet.hinge_y + OPENING.cabinet.handle_radius
+"""How far to the left of the cabinet's middle the handle is, m."""
+
 FEWEST_SCENES = 5
 """Scenes that a bin has, and leaves to the rest, or it is not tested."""
 
@@ -133,8 +136,7 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[tuple[str, Memb
     starts = [scene.start for scene in scenes]
     places = np.array([start.position[:2] for start in starts]).reshape(-1, 2)
     if task == OPENING.name:
-        handles = places[:, 1] + OPENING.cabinet.hinge_y + OPENING.cabinet.handle_radius
-        yield from _parts(handles, THIRDS, _beside_the_robot)
+        yield from _parts(places[:, 1] + HANDLE, THIRDS, _beside_the_robot)
         return
     has_target = all(start.target for start in starts)
     origins = [start.target or start.end_effector[:2] for start in starts]
@@ -156,10 +158,11 @@ def start_bins(task: str, scenes: Sequence[Episode]) -> Iterator[tuple[str, Memb
 
 
 def _beside_the_robot(low: float, high: float) -> str:
-    """Say between which places to the left of the robot, in cm, the handle is."""
-    if low >= 0 or high <= 0:
-        side, near, far = "left" if low >= 0 else "right", *sorted((abs(low), abs(high)))
-        return f"the handle is {near:.1f} to {far:.1f} cm {side} of the robot"
+    """Say where the handle is, from its least and its greatest distance to the left, in cm."""
+    if low >= 0:
+        return f"the handle is {low:.1f} to {high:.1f} cm left of the robot"
+    if high <= 0:
+        return f"the handle is {-high:.1f} to {-low:.1f} cm right of the robot"
     return f"the handle is between {-low:.1f} cm right and {high:.1f} cm left of the robot"
 
 

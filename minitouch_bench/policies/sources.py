@@ -283,7 +283,7 @@ def _parse_submission(path: Path, role: Role, folder: str = "") -> PolicySource:
         if found.digest != file.sha256:
             raise PolicyLoadError(f"{file.file}: its SHA-256 is not that of submission.toml")
         parts[file.task] = found
-    name = "-".join(filter(None, (path.resolve().name, folder)))
+    name = path.resolve().name + (f"-{folder}" if folder else "")
     if ALL_TASKS in parts:
         return replace(parts[ALL_TASKS], name=name)
     target, digest = str(path / training.folder), training.digest(role)

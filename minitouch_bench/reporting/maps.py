@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from minitouch_bench.episode import Episode, Outcome
 from minitouch_bench.metrics.definitions import METRICS, ranking_metric
 from minitouch_bench.metrics.intervals import over_seeds, wilson
-from minitouch_bench.metrics.starts import FEWEST_SCENES, StartTest, judge_starts
+from minitouch_bench.metrics.starts import FEWEST_SCENES, HANDLE, StartTest, judge_starts
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, OPENING, PROTOCOL, PUSHING
 from minitouch_bench.reporting import charts
 from minitouch_bench.reporting.charts import LegendItem
@@ -215,7 +215,7 @@ def place_of(episode: Episode) -> Place:
     start = episode.start
     x, y = start.position[:2]
     if episode.task == OPENING.name:
-        y += OPENING.cabinet.hinge_y + OPENING.cabinet.handle_radius
+        y += HANDLE
     if start.target is not None:
         x, y = x - start.target[0], y - start.target[1]
     return 100 * y, 100 * x

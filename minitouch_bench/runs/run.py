@@ -387,8 +387,8 @@ def read_run(directory: Path) -> Run:
             what = "contains an unfinished run: the command that began it finishes it with --resume"
         elif file.parent.exists():
             what = f"is not a run directory: it has no {files.RUN_FILE}"
-            found = [*file.parent.glob("*/run.json*"), *file.parent.glob("*/*/run.json*")]
-            if found:
+            deeper = (f"*/{files.RUN_FILE}*", f"*/*/{files.RUN_FILE}*")
+            if found := [path for pattern in deeper for path in file.parent.glob(pattern)]:
                 what += f", but {min(found).parent.relative_to(file.parent)} in it is one"
         else:
             what = "is not a run directory: it does not exist"

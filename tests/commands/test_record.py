@@ -67,7 +67,6 @@ WITHOUT = f"""
 import sys
 from pathlib import Path
 from minitouch_bench.agents.training import fill_from_dataset
-from minitouch_bench.protocol.minitouch import PUSHING
 from minitouch_bench.agents.memory import ReplayMemory
 from minitouch_bench.commands.record import record
 from minitouch_bench.protocol.minitouch import PUSHING

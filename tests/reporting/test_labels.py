@@ -58,7 +58,7 @@ def test_runs_of_one_policy_are_told_apart(hac):
     assert run_names([usual, changed]) == ("hac-seed1", "hac-seed1 (without vision)")
 
 
-def test_a_run_in_the_dark_is_labeled_and_stands_beside_no_paper(hac):
+def test_a_run_in_the_dark_is_labeled_and_not_beside_the_paper(hac):
     tasks = ("opening", "pick-up")
     run = save(make_run(tasks=tasks, episodes=5, exploration=False), "one")
     dark, lit = (
