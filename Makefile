@@ -81,6 +81,7 @@ format: $(DEV)
 
 bench: $(DEV)
 	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.training
 
 schemas: $(DEV)
 	$(BIN)/python -m benchmarks.schemas

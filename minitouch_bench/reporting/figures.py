@@ -302,7 +302,7 @@ def check_figure(path: Path) -> None:
 def write_figure(
     sections: Sequence[RunSection], tasks: Sequence[str], metrics: Sequence[str], path: Path
 ) -> None:
-    """Draw a panel for each metric: tasks across, each run's estimate with its 95 % interval.
+    """Draw a panel for each metric and unit: tasks across, estimates with their 95 % intervals.
 
     ``metrics``: () for those that rank the tasks. ``path``: see ``check_figure``.
 
@@ -315,11 +315,11 @@ def write_figure(
     from matplotlib import rc_context  # noqa: PLC0415  an extra
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    panels: dict[str, list[str]] = {}
+    panels: dict[tuple[str, str], list[str]] = {}
     for task in tasks:
         for metric in metrics or [ranking_metric(task)]:
             if any(report_tables.find_estimate(section.run, task, metric) for section in sections):
-                panels.setdefault(metric, []).append(task)
+                panels.setdefault((metric, METRICS[metric].unit_in(task)), []).append(task)
     if not panels:
         raise UsageError("no run has a value of these metrics in these tasks: nothing to draw")
     with rc_context(PLOT_SETTINGS):
@@ -327,8 +327,9 @@ def write_figure(
         size = (1.2 + sum(0.5 + 0.9 * width for width in widths), 3.0)
         figure = Figure(size, layout="constrained")
         axes = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
-        for one, (metric, shown) in zip(axes, panels.items(), strict=True):
+        for one, ((metric, unit), shown) in zip(axes, panels.items(), strict=True):
             _draw_panel(one, sections, metric, shown)
+            one.set_ylabel(f"{METRICS[metric].label} ({unit})")
         handles, names = axes[0].get_legend_handles_labels()
         if len(names) > 1:
             columns = max(1, int(size[0] / 1.6))
@@ -358,7 +359,6 @@ def _draw_panel(axes: Any, sections: Sequence[RunSection], metric: str, tasks: l
         )  # fmt: skip
     axes.set_xticks(range(len(tasks)), [task_title(task) for task in tasks])
     axes.set_xlim(-0.5, len(tasks) - 0.5)
-    axes.set_ylabel(f"{METRICS[metric].label} ({METRICS[metric].unit_in(tasks[0])})")
     axes.set_ylim((-0.02, 1.02) if METRICS[metric].is_fraction else (0, None))
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)

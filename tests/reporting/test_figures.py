@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import pytest
@@ -77,6 +78,10 @@ def test_runs_are_grouped_by_task_and_named_as_they_are(runs, tmp_path):
     assert "Success (share of episodes)" in text
     assert "Touch share" in text
     assert ">x$y$_1<" in text
+    write_figure(report.sections, report.tasks, ("object_movement",), path)
+    assert {"Object movement (m²)", "Object movement (rad²)"} <= {
+        *re.findall(">(.*)<", path.read_text())
+    }
     write_figure(report.sections, report.tasks, ("exploration",), path)
     assert "Playing" not in path.read_text()
 
