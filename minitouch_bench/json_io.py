@@ -185,7 +185,7 @@ def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
                 names = ", ".join(known)
                 yield f"{path}: no key {key!a}; it has {names}".removeprefix(": ")
     elif isinstance(table, list):
-        for index, pair in enumerate(zip(table, known, strict=True)):
+        for index, pair in enumerate(zip(table, known, strict=False)):  # it may lack repetitions
             yield from _unknown_keys(*pair, f"{path}[{index}]")
 
 
@@ -239,8 +239,10 @@ def checked(function: Function) -> Function:
             if not _fits(value, kind):
                 what = f"expected {_type_name(kind)}, got {_type_name(type(value), value)}"
                 raise UsageError(f"{name}: {argument}: {what}")
-            is_path = isinstance(value, str | PathLike) and PathLike[str] in get_args(kind)
-            bound.arguments[argument] = os.path.expanduser(value) if is_path else value
+            if isinstance(value, str | PathLike) and PathLike[str] in get_args(kind):
+                home = os.path.expanduser(value)  # a path stays a path: a text may be a word
+                value = home if isinstance(value, str) else Path(home)
+            bound.arguments[argument] = value
         return function(*bound.args, **bound.kwargs)
 
     return cast(Function, call)

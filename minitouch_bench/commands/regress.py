@@ -92,7 +92,7 @@ def regress(
 
     candidates = candidate or []
     isolated = isolation_options(isolation, trust, act_timeout, episode_timeout)
-    chosen = (output, engine, address, isolated) != (None, "local", None, SANDBOXED)
+    chosen = (output, workers, engine, address, isolated) != (None, AUTO, "local", None, SANDBOXED)
     _refuse_contradictions(policy, baseline, candidates, is_played=resume or fresh or chosen)
     allowed = None if tolerance is None else gate.Tolerance.parse(tolerance)
     level = gate.GateSettings.alpha if alpha is None else alpha

@@ -121,14 +121,7 @@ def submit(
         place = packing.pack_submission(
             packed, checkpoints, directory, engine, callbacks, isolation=isolated
         )
-    for sentence in submission.equal_checkpoints(directory, packed):
-        note(sentence)
     print(place)
-    for path in packing.too_large_for_github(place):
-        note(
-            f"GitHub takes no file as large as {path}: upload it to the Hub, and submit "
-            f"hf://USER/REPO/{path.name} instead"
-        )
     check = ["minitouch-bench", "leaderboard", "check", name]
     if directory != SUBMISSIONS:
         check += ["--submissions", str(directory)]

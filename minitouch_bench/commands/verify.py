@@ -15,7 +15,12 @@ from minitouch_bench.console import data_console, episode_progress, note
 from minitouch_bench.episode import IN_MEMORY
 from minitouch_bench.evaluation.engine import AUTO
 from minitouch_bench.files import SUBMISSION_FILE
-from minitouch_bench.policies.policy import Isolation, IsolationOptions, isolation_options
+from minitouch_bench.policies.policy import (
+    SANDBOXED,
+    Isolation,
+    IsolationOptions,
+    isolation_options,
+)
 from minitouch_bench.text import numbered, printable
 
 if TYPE_CHECKING:
@@ -59,10 +64,13 @@ def verify(
     from minitouch_bench.verification import replay_check
     from minitouch_bench.verification.static_check import check_run
 
-    if not rerun and (policy or exploration):
-        raise errors.UsageError("--policy and --exploration need --rerun N")
     opening = open_engine(engine, workers, address)
     isolated = isolation_options(isolation, trust)
+    if not rerun and (policy, exploration, isolated) != (None, None, SANDBOXED):
+        raise errors.UsageError(
+            "--policy, --exploration, --isolation and --trust need --rerun N: without it no policy "
+            "is run"
+        )
     opened = read_run(run)
     found = replay_check.Findings(check_run(opened))
     if found.passed:

@@ -5,6 +5,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import prepare_policies
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.play import Entry
-from minitouch_bench.leaderboard.submission import NAME, Submission, check_submission, mistakes
+from minitouch_bench.leaderboard.submission import NAME, Submission, mistakes
 from minitouch_bench.policies import lerobot
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS
 from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
@@ -34,9 +35,6 @@ from minitouch_bench.text import printable
 
 PACKING = ".packing"
 """Folder beside the submissions where one is made; the next call removes a killed call's."""
-
-GITHUB_LIMIT = 100 * files.MIB
-"""Bytes of a file, above which no pull request on GitHub can add it."""
 
 Checkpoints = Mapping[int, Mapping[CheckpointFile, Path]]
 """By training seed the files of its policies, and where each is now."""
@@ -175,8 +173,6 @@ def pack_submission(
             for file, source in checkpoints[training.seed].items():
                 if not file.address:
                     files.write_file(copy / training.place(file), read_checkpoint(source))
-        for problem in check_submission(copy):
-            raise UsageError(problem)
         try:
             _try_policies(Entry(copy, submission, folder), engine, callbacks, isolation)
         except PolicyLoadError as error:  # the folder aside is gone when a user reads it
@@ -189,20 +185,20 @@ def pack_submission(
 def _try_policies(
     entry: Entry, engine: Engine, callbacks: Callbacks, isolation: IsolationOptions
 ) -> None:
-    """Play one episode per task with each policy of each training.
+    """Play one episode per task and suite with each policy of each training.
 
     Raises:
         PolicyLoadError: a policy cannot be loaded, or fails.
     """
     trainings, explores = entry.submission.trainings, entry.submission.explores
-    plan = make_plan(entry.submission.suites[0], episodes=1)
-    specs = plan.specs(exploration=explores)
-    callbacks.phase("trial episodes", len(trainings) * len(specs))
-    for training in trainings:
+    plans = [make_plan(suite, episodes=1) for suite in entry.submission.suites]
+    count = sum(len(plan.specs(exploration=explores)) for plan in plans)
+    callbacks.phase("trial episodes", len(trainings) * count)
+    for training, plan in product(trainings, plans):
         policy = entry.policy(training)
         explorer = policy if explores else None
         setup = prepare_policies(policy, plan, isolation, callbacks.note, exploration=explorer)
-        for record in engine.run(setup, specs):
+        for record in engine.run(setup, plan.specs(exploration=explores)):
             callbacks.episode(record)
             if record.fault:
                 text = f"{training.folder} fails in {record.spec.key}: {record.fault}"
@@ -222,15 +218,6 @@ def lock_aside(parent: Path) -> Iterator[Path]:
             yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def too_large_for_github(submission: Path) -> list[Path]:
-    """Return the checkpoints of a submission that no pull request can add."""
-    return [
-        path
-        for path in sorted(submission.glob("checkpoints/**/*"))
-        if path.is_file() and path.stat().st_size > GITHUB_LIMIT
-    ]
 
 
 def remove_submission(submissions: Path, results: Path, name: str) -> list[Path]:

@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from minitouch_bench import errors, files
-from minitouch_bench.episode import Episode, PlayedEpisode, Role, Sha256OrNone
+from minitouch_bench.episode import Episode, Outcome, PlayedEpisode, Role, Sha256OrNone
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, Engine, Note
 from minitouch_bench.evaluation.execution import header_of, open_run, play_run
 from minitouch_bench.evaluation.policy_setup import prepare_policies
@@ -255,7 +255,7 @@ def play_row(
                     for one in missing[number - 1 :]
                     if one.training == part.training
                 )
-                _play_part(entry, part, engine, _within_limit(callbacks, left), directory)
+                _play_part(entry, part, engine, callbacks, left=left, directory=directory)
         except (errors.HopelessRunError, errors.PolicyLoadError) as error:
             waiting = str(error).partition("\n")[0]
         finally:  # also of a play that ends here: a board shows the suites that are finished
@@ -310,17 +310,22 @@ def _missing(entry: Entry, row: RowFacts, suites: Sequence[str], note: Note) -> 
             yield part
 
 
-def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
-    """Return callbacks that end a training whose ``episodes`` would take too long."""
-    started, played = time.monotonic(), 0
+def _within_limit(callbacks: Callbacks, episodes: int, kept: int) -> Callbacks:
+    """Return callbacks that end a training whose ``episodes`` would take too long.
+
+    The first ``kept`` were played before: no time of theirs is known.
+    """
+    started, played = time.monotonic(), -kept
 
     def episode(record: PlayedEpisode) -> None:
         nonlocal played
         callbacks.episode(record)
         played += 1
         elapsed = time.monotonic() - started
-        seconds = elapsed / played * episodes
-        if elapsed >= MEASURED_S and seconds > PLAY_LIMIT_S:
+        if played < 1 or elapsed < MEASURED_S:
+            return
+        seconds = elapsed / played * (episodes - kept)
+        if seconds > PLAY_LIMIT_S:
             hours = f"about {seconds / 3600:.0f} hours, the limit is {PLAY_LIMIT_S / 3600:.0f}"
             raise errors.HopelessRunError(f"to play a training would take {hours}")
 
@@ -328,8 +333,15 @@ def _within_limit(callbacks: Callbacks, episodes: int) -> Callbacks:
 
 
 def _play_part(
-    entry: Entry, part: RowRun, engine: Engine, callbacks: Callbacks, directory: Path
+    entry: Entry,
+    part: RowRun,
+    engine: Engine,
+    callbacks: Callbacks,
+    *,
+    left: int,
+    directory: Path,
 ) -> None:
+    """Play a run of a row, or go on with it; ``left``: episodes of its training not in a result."""
     policy = entry.policy(part.training)
     setup = prepare_policies(
         policy,
@@ -350,7 +362,11 @@ def _play_part(
             why = str(error).partition("\n")[0].rstrip(".")
             callbacks.note(f"{why}: it is played from the beginning")
             opened = open_run(header, place, fresh=True)
-        run = play_run(setup, opened, engine, callbacks, how="")
+        kept = [] if isinstance(opened, Run) else [*opened.records.values()]
+        if kept and all(one.outcome is Outcome.POLICY_FAULT for one in kept):
+            opened, kept = open_run(header, place, fresh=True), []  # it ends after as many again
+        told = _within_limit(callbacks, left, len(kept))
+        run = play_run(setup, opened, engine, told, how="")
     content = gzip.compress(run.content, mtime=0)
     files.write_file(entry.results / part.place / files.PACKED_RUN_FILE, content)
     shutil.rmtree(place)

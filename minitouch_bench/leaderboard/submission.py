@@ -5,7 +5,6 @@ It has a policy for each training, and words about them. None of it is executed 
 
 import hashlib
 import unicodedata
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -26,7 +25,7 @@ from minitouch_bench.policies.sources import (
     check_zip,
 )
 from minitouch_bench.protocol.minitouch import MAIN_SUITE, PROTOCOL
-from minitouch_bench.text import numbered, printable
+from minitouch_bench.text import printable
 
 SUITES = tuple(suite.name for suite in PROTOCOL.suites if suite.rankable)
 """The suites that a submission can be for."""
@@ -235,7 +234,7 @@ def _check_files(directory: Path, submission: Submission) -> Iterator[str]:
             _check_content(listed[place], content)
         except MiniTouchError as error:
             yield str(error)
-    for place in missing:
+    for place in sorted(missing):
         yield f"{place} is missing"
 
 
@@ -244,26 +243,6 @@ def _check_content(file: CheckpointFile, content: bytes) -> None:
         raise PolicyLoadError(f"{file.file}: its SHA-256 is not that of {files.SUBMISSION_FILE}")
     if FORMATS[KIND_BY_SUFFIX[PurePosixPath(file.file).suffix]].runs_code:
         check_zip(content, file.file)
-
-
-def equal_checkpoints(submissions: Path, submission: Submission) -> Iterator[str]:
-    """Yield a sentence for each other submission that has some of its final checkpoints."""
-    ours = Counter(_final_digests(submission))
-    for directory in find_submissions(submissions):
-        try:
-            other = read_submission(directory)
-        except UsageError:
-            continue
-        equal = (ours & Counter(_final_digests(other))).total()
-        if equal and other.name != submission.name:
-            yield (
-                f"{equal} of {numbered(ours.total(), 'final checkpoint')}: also in {other.name}, "
-                "and the row that is played first keeps its rank"
-            )
-
-
-def _final_digests(submission: Submission) -> Iterator[str]:
-    return (file.sha256 for one in submission.trainings for file in one.files(Role.FINAL))
 
 
 def find_submissions(directory: Path) -> list[Path]:

@@ -299,8 +299,9 @@ def _parse_directory(path: Path, role: Role) -> PolicySource:
             return replace(_parse_file(of_lerobot), name=lerobot.name_of(of_lerobot))
         found = sorted(path.iterdir())
     for file in found:
-        is_policy = file.suffix in KIND_BY_SUFFIX or lerobot.find_checkpoint(file) == file
-        if file.stem not in TASK_NAMES or not is_policy:
+        if file.stem not in TASK_NAMES or not (
+            file.suffix in KIND_BY_SUFFIX or lerobot.find_checkpoint(file) == file
+        ):
             continue
         if file.stem in parts:
             other = Path(parts[file.stem].target).name

@@ -45,6 +45,8 @@ def test_the_settings_that_the_pages_show_are_settings(tmp_path, page):
 def test_senses_are_in_one_order_however_they_are_written():
     phase = PhaseConfig(10, without=("vision", "forces", "vision"))
     assert phase == PhaseConfig(10, without=("forces", "vision"))
+    twice = make_config("opening", settings={"task_phase": {"without": ["forces", "forces"]}})
+    assert twice.task_phase.without == ("forces",)
 
 
 def test_the_target_entropy_falls_evenly_and_then_stays():

@@ -135,6 +135,7 @@ GOOD = ("--baseline", "good")
 REFUSED = [
     (GOOD, 2, "POLICY"),
     (("zero", *GOOD, "--candidate", "bad"), 2, "POLICY"),
+    ((*GOOD, "--candidate", "bad", "--workers", "1"), 2, "need a POLICY"),
     ((*GOOD, "--candidate", "few"), 2, "same episodes"),
     (("--baseline", "gone", "--candidate", "good"), 6, "gone"),
     ((*GOOD, "--candidate", "bad", "--resume"), 2, "--resume"),

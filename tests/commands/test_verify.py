@@ -45,7 +45,8 @@ def test_a_run_is_verified_without_its_checkpoint_and_run_again_with_it_alone(tm
     assert not np.array_equal(first[0], sampled[0])
     moved = policy.rename(tmp_path / "moved.safetensors")
     succeed("verify", "run", directory=tmp_path)
-    run("verify", "run", "--policy", moved, directory=tmp_path).refused(2, "need --rerun N")
+    for unused in (("--policy", moved), ("--isolation", "process")):
+        run("verify", "run", *unused, directory=tmp_path).refused(2, "need --rerun N")
     run("verify", "run", "--rerun", 1, directory=tmp_path).refused(5, "is gone", "--policy")
     here = ("--policy", moved, "--exploration", moved)
     again = succeed("verify", "run", "--rerun", 1, *here, directory=tmp_path)

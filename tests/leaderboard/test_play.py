@@ -7,12 +7,23 @@ import pytest
 from minitouch_bench.errors import InfrastructureError, InterruptedRunError, RunDirectoryError
 from minitouch_bench.evaluation import execution
 from minitouch_bench.evaluation.engine import SILENT, Callbacks, stopping_after
+from minitouch_bench.evaluation.execution import HOPELESS_AFTER
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard import play as entries
 from minitouch_bench.leaderboard.play import ROW_FILE, play_row
+from minitouch_bench.policies.native import save_native
+from minitouch_bench.policies.networks import TouchActor, VisualEncoder
 from tests.evaluation.runs import Here
-from tests.leaderboard.playing import EPISODES, RUNS, TASKS, digests, play_quickly, write_policy
+from tests.leaderboard.playing import (
+    EPISODES,
+    RUNS,
+    TASKS,
+    digests,
+    play_few,
+    play_quickly,
+    write_policy,
+)
 from tests.leaderboard.synthetic import ABOUT, entry_of, make_submission
 from tests.process_tree import run_python
 
@@ -190,6 +201,24 @@ def test_a_training_that_takes_too_long_stays_waiting(entry, monkeypatch):
     row = play(entry, count.callbacks())
     assert (count.episodes, row.played) == (1, ())
     assert "hours" in entry.read_row().waiting
+    count = Count()
+    play(entry, count.callbacks())
+    assert count.episodes == 2  # that of before, whose time is not known, and a new one
+
+
+def test_a_policy_that_fails_from_the_first_is_never_played_on(tmp_path, monkeypatch):
+    play_few(monkeypatch, official=2 * HOPELESS_AFTER)
+    broken = TouchActor(5, encoder=VisualEncoder(1 / 32))
+    for weights in broken.parameters():
+        weights.data.fill_(float("nan"))
+    save_native(broken, tmp_path / "broken.safetensors")
+    content = (tmp_path / "broken.safetensors").read_bytes()
+    entry = submit(tmp_path / "broken", content, b"")
+    for _ in range(2):
+        count = Count()
+        row = play(entry, count.callbacks())
+        assert (count.episodes, row.played) == (HOPELESS_AFTER, ())
+        assert "policy faults" in row.waiting
 
 
 def test_a_policy_that_cannot_be_loaded_stays_waiting_with_the_reason(tmp_path, checkpoints):
