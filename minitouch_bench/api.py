@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from minitouch_bench import files
-from minitouch_bench.comparison.comparison import (
-    Comparison,
-    compare_runs,
-    comparison_html,
-    comparison_json,
-    comparison_markdown,
-)
-from minitouch_bench.comparison.training_seeds import (
-    MethodComparison,
-    compare_method_runs,
-    methods_json,
-    methods_markdown,
-)
+from minitouch_bench.comparison.comparison import Comparison, compare_runs, comparison_html
+from minitouch_bench.comparison.training_seeds import MethodComparison, compare_method_runs
 from minitouch_bench.console import episode_progress, is_watched, training_progress
 from minitouch_bench.errors import InterruptedRunError, UsageError
 from minitouch_bench.evaluation.engine import AUTO, SILENT, Callbacks, open_engine, stopping_after
@@ -227,8 +216,7 @@ def compare(
     opened = [_opened(run) for run in runs]
     comparison = compare_runs(opened, [run.place for run in opened])
     if output is not None:
-        files.write_file(Path(output) / "comparison.json", comparison_json(comparison))
-        files.write_file(Path(output) / "comparison.md", comparison_markdown(comparison))
+        comparison.write(Path(output))
     if html is not None:
         files.write_file(Path(html), comparison_html(comparison, opened))
     return comparison
@@ -250,8 +238,7 @@ def compare_methods(
     paths = [[run.place for run in side] for side in (first, second)]
     comparison = compare_method_runs((first, second), paths)
     if output is not None:
-        files.write_file(Path(output) / "comparison.json", methods_json(comparison))
-        files.write_file(Path(output) / "comparison.md", methods_markdown(comparison))
+        comparison.write(Path(output))
     return comparison
 
 

@@ -31,8 +31,7 @@ def compare(
     Each run is compared with the first one; with --a and --b, two methods by their training seeds.
     """
     from minitouch_bench import api
-    from minitouch_bench.comparison.comparison import comparison_blocks, comparison_json
-    from minitouch_bench.comparison.training_seeds import method_blocks, methods_json
+    from minitouch_bench.comparison.comparison import WrittenComparison
     from minitouch_bench.reporting import tables
 
     if html is not None and html.suffix != ".html":
@@ -42,17 +41,13 @@ def compare(
             raise UsageError("compare takes either RUN... or --a RUN... --b RUN...")
         if html is not None:
             raise UsageError("--html is for compare RUN..., which pairs episodes")
-        methods = api.compare_methods(a or [], b or [], output=output)
-        if as_json:
-            print(methods_json(methods), end="")
-        else:
-            tables.show(method_blocks(methods), data_console())
+        found: WrittenComparison = api.compare_methods(a or [], b or [], output=output)
     else:
-        comparison = api.compare(*(runs or ()), output=output, html=html)
-        if as_json:
-            print(comparison_json(comparison), end="")
-        else:
-            tables.show(comparison_blocks(comparison), data_console())
+        found = api.compare(*(runs or ()), output=output, html=html)
+    if as_json:
+        print(found.to_json(), end="")
+    else:
+        tables.show(found.blocks(), data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
     if html is not None:

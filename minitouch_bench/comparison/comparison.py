@@ -4,16 +4,19 @@ The tables of effects and of changed episodes are those of methods and of ``regr
 """
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from minitouch_bench.comparison import pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
 from minitouch_bench.episode import Role, role_of
 from minitouch_bench.errors import UsageError
-from minitouch_bench.files import MAX_EPISODES
+from minitouch_bench.files import MAX_EPISODES, write_file
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION
 from minitouch_bench.metrics.statistics import ALPHA, ALPHA_IN_WORDS, POWER, holm
 from minitouch_bench.reporting import pages, tables
@@ -85,9 +88,40 @@ class RunPair:
         return self.first, self.second
 
 
+class WrittenComparison(ABC):
+    """Base of comparisons: dataclasses that are shown as blocks of text and tables."""
+
+    heading: ClassVar[str]
+    mark: ClassVar[Mapping[str, str | int]]
+    """The first keys of the JSON document."""
+
+    @abstractmethod
+    def blocks(self, changes: int = SHOWN_CHANGES) -> Iterator[tables.Block]:
+        """Yield all of it, with so many changed episodes of each pair."""
+
+    def __str__(self) -> str:
+        return tables.as_text(self.blocks())
+
+    def _repr_markdown_(self) -> str:
+        return "\n".join(tables.as_markdown(self.blocks()))
+
+    def to_json(self) -> str:
+        """Write it as JSON; the keys are its fields."""
+        return json_text({**self.mark, **asdict(self)})  # type: ignore[call-overload]
+
+    def write(self, folder: Path) -> None:
+        """Write comparison.json, and comparison.md with every changed episode."""
+        write_file(folder / "comparison.json", self.to_json())
+        page = [f"# {self.heading}", "", *tables.as_markdown(self.blocks(MAX_EPISODES))]
+        write_file(folder / "comparison.md", "\n".join(page) + "\n")
+
+
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(WrittenComparison):
     """All runs against the first; ``alpha``: chance of a false difference in a metric."""
+
+    heading = "Comparison of runs"
+    mark = MappingProxyType({"format": "minitouch-comparison", "version": COMPARISON_VERSION})
 
     runs: tuple[ComparedRun, ...]
     pairs: tuple[RunPair, ...]
@@ -117,11 +151,18 @@ class Comparison:
         changed = sum(len(pair.changes) for pair in self.pairs)
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
-    def __str__(self) -> str:
-        return tables.as_text(comparison_blocks(self))
-
-    def _repr_markdown_(self) -> str:
-        return "\n".join(tables.as_markdown(comparison_blocks(self)))
+    def blocks(self, changes: int = SHOWN_CHANGES) -> Iterator[tables.Block]:
+        """Yield all of it, with so many changed episodes of each pair."""
+        yield from map(run_line, self.runs)
+        for pair in self.pairs:
+            yield tables.Heading(f"{pair.second} against {pair.first}")
+            if pair.identical:
+                yield "The run digests are equal: every episode is the same to the last bit."
+            yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
+            yield from _metric_tables(pair)
+            yield from changes_blocks(pair.changes, pair.titles, changes)
+        yield ""
+        yield from map(tables.NoteBlock, comparison_notes())
 
 
 def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
@@ -220,22 +261,6 @@ def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) 
 # What is written
 
 
-def comparison_blocks(
-    comparison: Comparison, changes: int = SHOWN_CHANGES
-) -> Iterator[tables.Block]:
-    """Yield a whole comparison, with so many changed episodes of each pair."""
-    yield from map(run_line, comparison.runs)
-    for pair in comparison.pairs:
-        yield tables.Heading(f"{pair.second} against {pair.first}")
-        if pair.identical:
-            yield "The run digests are equal: every episode is the same to the last bit."
-        yield from (f"{NOT_ALIKE}: {note}." for note in pair.notes)
-        yield from _metric_tables(pair)
-        yield from changes_blocks(pair.changes, pair.titles, changes)
-    yield ""
-    yield from map(tables.NoteBlock, comparison_notes())
-
-
 def _metric_tables(pair: RunPair) -> tuple[tables.Table, ...]:
     rows = [(metric, metric.episodes_to_resolve) for metric in pair.metrics]
     return verdict_tables(pair.titles, rows, "Episodes to resolve")
@@ -259,17 +284,6 @@ def comparison_notes() -> tuple[str, ...]:
         "Episodes to resolve: about how many episodes of each task find the difference in "
         f"{100 * POWER:g} % of cases, at {ALPHA_IN_WORDS}, if it is as observed.",
     )
-
-
-def comparison_markdown(comparison: Comparison) -> str:
-    """Write a comparison as a page, with every changed episode."""
-    return tables_page("Comparison of runs", comparison_blocks(comparison, MAX_EPISODES))
-
-
-def comparison_json(comparison: Comparison) -> str:
-    """Write a comparison; the keys are the fields of ``Comparison``."""
-    mark = {"format": "minitouch-comparison", "version": COMPARISON_VERSION}
-    return json_text({**mark, **asdict(comparison)})
 
 
 def comparison_html(comparison: Comparison, runs: Sequence[Run]) -> str:
@@ -380,11 +394,6 @@ def run_line(run: ComparedRun) -> str:
     """Name the run that has a title, with its labels."""
     labels = f" ({'; '.join(run.labels)})" if run.labels else ""
     return f"{run.title.capitalize()}: {run.name}, {printable(run.path)}{labels}"
-
-
-def tables_page(title: str, blocks: Iterable[tables.Block]) -> str:
-    """Write blocks as a page of Markdown."""
-    return "\n".join([f"# {title}", "", *tables.as_markdown(blocks)]) + "\n"
 
 
 def json_text(document: dict[str, Any]) -> str:

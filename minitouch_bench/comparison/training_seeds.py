@@ -9,7 +9,8 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -242,9 +243,26 @@ class MethodMetric(comparison.MetricVerdict):
     to_find: int | None
 
 
+METHOD_NOTES = (
+    "Brackets and p: of this row alone, two-sided; 95 % interval and Student's t over training "
+    "seeds, on the same episodes. p adjusted and verdict: over all rows of the metric by "
+    f"Holm's method, judged at {ALPHA_IN_WORDS}. Where some seeds fail to learn, no test over "
+    "a few seeds keeps its level: look at each seed's value.",
+    "Seeds to decide: about how many training seeds of each method, those present included, "
+    f"find the difference in {100 * POWER:g} % of such studies if it is as observed. Seeds for "
+    f"{LARGE:g}: the same for a difference of {LARGE:g}, in this row alone. Both rest on the "
+    f"seeds' spread as observed. A dash: shown already, or more than {MAX_SEEDS:,}, where only "
+    "more episodes help.",
+)
+"""How the figures of a comparison of methods were made."""
+
+
 @dataclass(frozen=True, repr=False)
-class MethodComparison:
+class MethodComparison(comparison.WrittenComparison):
     """Two methods, each by its trainings; ``main`` is what sums them up, one of ``metrics``."""
+
+    heading = "Comparison of methods"
+    mark = MappingProxyType({"format": "minitouch-methods", "version": METHODS_VERSION})
 
     methods: tuple[ComparedRun, ComparedRun]
     trainings: tuple[TrainingValue, ...]
@@ -256,11 +274,17 @@ class MethodComparison:
     def __repr__(self) -> str:
         return f"<MethodComparison: {answer_line(self)}>"
 
-    def __str__(self) -> str:
-        return tables.as_text(method_blocks(self))
-
-    def _repr_markdown_(self) -> str:
-        return "\n".join(tables.as_markdown(method_blocks(self)))
+    def blocks(self, changes: int = 0) -> Iterator[tables.Block]:
+        """Yield all of it; the last line is the answer."""
+        yield from map(comparison.run_line, self.methods)
+        yield from (f"{note}." for note in self.notes)
+        yield ""
+        yield trainings_table(self.trainings, self.main.effect)
+        rows = [(one, one.to_decide, one.to_find) for one in self.metrics]
+        yield from comparison.verdict_tables(SIDES, rows, "Seeds to decide", f"Seeds for {LARGE:g}")
+        yield ""
+        yield from map(tables.NoteBlock, METHOD_NOTES)
+        yield from ("", answer_line(self))
 
 
 def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodComparison:
@@ -360,39 +384,3 @@ def answer_line(found: MethodComparison) -> str:
             f"{main.to_find} training seeds on each side"
         )
     return answer
-
-
-def method_blocks(found: MethodComparison) -> Iterator[tables.Block]:
-    """Yield a whole comparison of methods; the last line is the answer."""
-    yield from map(comparison.run_line, found.methods)
-    yield from (f"{note}." for note in found.notes)
-    yield ""
-    yield trainings_table(found.trainings, found.main.effect)
-    rows = [(one, one.to_decide, one.to_find) for one in found.metrics]
-    yield from comparison.verdict_tables(SIDES, rows, "Seeds to decide", f"Seeds for {LARGE:g}")
-    yield ""
-    yield tables.NoteBlock(
-        "Brackets and p: of this row alone, two-sided; 95 % interval and Student's t over training "
-        "seeds, on the same episodes. p adjusted and verdict: over all rows of the metric by "
-        f"Holm's method, judged at {ALPHA_IN_WORDS}. Where some seeds fail to learn, no test over "
-        "a few seeds keeps its level: look at each seed's value."
-    )
-    yield tables.NoteBlock(
-        "Seeds to decide: about how many training seeds of each method, those present included, "
-        f"find the difference in {100 * POWER:g} % of such studies if it is as observed. Seeds for "
-        f"{LARGE:g}: the same for a difference of {LARGE:g}, in this row alone. Both rest on the "
-        f"seeds' spread as observed. A dash: shown already, or more than {MAX_SEEDS:,}, where only "
-        "more episodes help."
-    )
-    yield from ("", answer_line(found))
-
-
-def methods_markdown(found: MethodComparison) -> str:
-    """Write a comparison of methods as a page."""
-    return comparison.tables_page("Comparison of methods", method_blocks(found))
-
-
-def methods_json(found: MethodComparison) -> str:
-    """Write a comparison of methods; the keys are the fields of ``MethodComparison``."""
-    mark = {"format": "minitouch-methods", "version": METHODS_VERSION}
-    return comparison.json_text({**mark, **asdict(found)})

@@ -10,8 +10,6 @@ from minitouch_bench.comparison.comparison import (
     LISTED_CHANGES,
     compare_runs,
     comparison_html,
-    comparison_json,
-    comparison_markdown,
 )
 from minitouch_bench.errors import UsageError
 from minitouch_bench.metrics.statistics import holm
@@ -152,7 +150,7 @@ def test_changed_episodes_are_listed_with_commands_that_replay_them(tmp_path):
     alone = compared(GOOD, with_actions(BAD, tmp_path))
     one = alone.pairs[0].changes[0]
     assert one.replay == f"minitouch-bench replay 'runs/bad one' {first.episode}"
-    (pair,) = json.loads(comparison_json(alone))["pairs"]
+    (pair,) = json.loads(alone.to_json())["pairs"]
     assert len(pair["changes"]) == len(changes)
     assert {*pair["metrics"][0]["effect"]["difference"]} == {
         "value", "low", "high", "count", "method",
@@ -212,11 +210,12 @@ def test_each_metric_of_table_4_has_the_values_of_run_json_to_the_last_bit(hac, 
         assert {(one.task, one.metric): one.first for one in effects} == stored
 
 
-def test_hostile_names_are_harmless_everywhere():
+def test_hostile_names_are_harmless_everywhere(tmp_path):
     named = make_saved({"pushing": values([True, False] * 4)}, HOSTILE)
     hostile = replace(named, faults={"pushing/1": HOSTILE})
     comparison = compare_runs((hostile, replace(hostile, digest="x")), (HOSTILE, HOSTILE))
-    page, screen = comparison_markdown(comparison), str(comparison)
+    comparison.write(tmp_path)
+    page, screen = (tmp_path / "comparison.md").read_text(), str(comparison)
     assert not any(sign in text for sign in "\x1b\u202e" for text in (page, screen))
     assert "<script>" not in outside_code(page)
     assert "<script>" in screen  # as text

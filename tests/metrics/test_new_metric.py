@@ -23,7 +23,7 @@ METRICS["long_episode"] = Metric(
 from minitouch_bench.leaderboard import fresh
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.metrics import statistics
-from minitouch_bench.comparison.comparison import compare_runs, comparison_json
+from minitouch_bench.comparison.comparison import compare_runs
 from minitouch_bench.comparison.gate import GateSettings, judge_runs
 from minitouch_bench.comparison.gate_report import gate_markdown
 from minitouch_bench.reporting.tables import as_markdown
@@ -52,7 +52,7 @@ for name, text in {
     "report.html": to_html(build_report([runs[0]])),
     "novel.html": to_html(build_report([read_run(root / "novel")])),
     "compare.txt": str(compare_runs(runs, paths)),
-    "compare.json": comparison_json(compare_runs(runs, paths)),
+    "compare.json": compare_runs(runs, paths).to_json(),
     "regress.md": gate_markdown(judge_runs(*runs, paths, GateSettings(metric="long_episode"))),
     "new.txt": "".join(map(str, check_run(runs[0]))),
 }.items():
