@@ -29,11 +29,11 @@ from minitouch_bench.policies.policy import Isolation, isolation_options
 from minitouch_bench.protocol.limits import ACT_TIMEOUT_S, EPISODE_TIMEOUT_S
 from minitouch_bench.protocol.minitouch import PROTOCOL
 from minitouch_bench.reporting.report import write_views
-from minitouch_bench.reporting.viewer import EpisodePage
+from minitouch_bench.reporting.viewer import EpisodePage, episode_page
 from minitouch_bench.runs.plan import make_plan
 from minitouch_bench.runs.run import Run, read_run
 from minitouch_bench.shapegen.manifest import Objects
-from minitouch_bench.verification.filming import film_run, require_video, show_episode
+from minitouch_bench.verification.filming import film_run, replay_episode, require_video
 
 if TYPE_CHECKING:
     from minitouch_bench.verification.export import Export
@@ -262,7 +262,7 @@ def replay(run: Run | StrPath, episode: str) -> EpisodePage:
         UsageError: the run has no such episode, or cannot be replayed here.
         RunDirectoryError: the actions are missing, or their file is missing or damaged.
     """
-    return show_episode(_opened(run), episode)
+    return episode_page(replay_episode(_opened(run), episode))
 
 
 def _opened(run: Run | StrPath) -> Run:

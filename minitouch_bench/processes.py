@@ -15,7 +15,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from importlib.metadata import version
@@ -61,7 +60,6 @@ serve_jobs(connection, int(sys.argv[2]))
 
 CLOSE_TIMEOUT_S = 2.0
 PR_SET_PDEATHSIG = 1
-WATCH_S = 0.05
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 MAX_ATTEMPTS = 3
@@ -136,27 +134,6 @@ def cpu_quota(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/
                 quota, period = map(float, (folder / "cpu.max").read_text().split())
                 quotas.append(quota / period)
     return min(quotas)
-
-
-def watch(pid: int) -> int:
-    """Return a descriptor that becomes readable when a process ends.
-
-    Where the system has none, as on macOS, or forbids it, as some containers do, a thread looks,
-    and sees the end of a child only after it was reaped.
-    """
-    with contextlib.suppress(AttributeError, OSError):
-        return os.pidfd_open(pid)
-    reader, writer = os.pipe()
-    threading.Thread(target=_close_after, args=(pid, writer), daemon=True).start()
-    return reader
-
-
-def _close_after(pid: int, descriptor: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        while True:
-            os.kill(pid, 0)
-            time.sleep(WATCH_S)
-    os.close(descriptor)
 
 
 def run_in_workers(

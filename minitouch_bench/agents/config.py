@@ -293,10 +293,6 @@ def make_config(
     return replace(take_table(settings, TrainingConfig, base=base), task=task)
 
 
-ADDED_LATER = "method_digest"
-"""A setting that older trainings have not recorded: without it the method is ours."""
-
-
 def read_recorded_config(path: Path) -> TrainingConfig:
     """Return the settings that a training has recorded in its directory, every one of them.
 
@@ -309,7 +305,7 @@ def read_recorded_config(path: Path) -> TrainingConfig:
         config = take_table(table, TrainingConfig, str(path))
     except UsageError as error:
         raise RunDirectoryError(str(error)) from error
-    if missing := _by_name(asdict(config)).keys() - _by_name(table).keys() - {ADDED_LATER}:
+    if missing := _by_name(asdict(config)).keys() - _by_name(table).keys():
         names = ", ".join(sorted(missing))
         raise RunDirectoryError(f"{path} lacks {names}: restore it, or train again")
     return config

@@ -1,6 +1,5 @@
 """Begin or resume a run, play the episodes that are missing, and make the finished run."""
 
-import contextlib
 import hashlib
 import re
 import time
@@ -17,7 +16,7 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.machine import RunEnvironment, installed_versions, machine_facts
 from minitouch_bench.policies.formats import computing_packages
 from minitouch_bench.runs.actions import write_actions
-from minitouch_bench.runs.journal import Journal, check_same, read_header
+from minitouch_bench.runs.journal import Journal, check_same
 from minitouch_bench.runs.run import Run, RunHeader, make_header, make_run, read_run, run_json
 from minitouch_bench.simulation.builds import BUILDS
 
@@ -49,18 +48,8 @@ def run_name(header: RunHeader) -> str:
 
 
 def default_directory(header: RunHeader, ending: str = "") -> Path:
-    """Return the directory of a run without ``--output``, which has its name and ``ending``.
-
-    If a run of the same policy in another format has this directory, such as that of x.onnx beside
-    x.pt2, the name has the format, too.
-    """
-    usual = files.REPORTS / f"{run_name(header)}{ending}"
-    with contextlib.suppress(errors.RunDirectoryError):
-        if read_header(usual).policy.kind != header.policy.kind:
-            name = f"{header.policy.name} {header.policy.kind}"
-            other = replace(header, policy=replace(header.policy, name=name))
-            return files.REPORTS / f"{run_name(other)}{ending}"
-    return usual
+    """Return the directory of a run without ``--output``, which has its name and ``ending``."""
+    return files.REPORTS / f"{run_name(header)}{ending}"
 
 
 def _file_name(text: str) -> str:

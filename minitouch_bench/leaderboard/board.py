@@ -237,7 +237,7 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
     about, official = played.submission, played.official
     runs = [run for of_suite in official.values() for run in of_suite]
     notes = (note for run in runs for policy in run.header.policies() for note in policy.notes)
-    first = min(played.draws(), key=lambda draw: draw.at)
+    first = min(played.row.draws, key=lambda draw: draw.at)
     return BoardRow(
         **{field.name: getattr(about, field.name) for field in fields(About)},
         labels=(*dict.fromkeys(notes), *_retired(played)),
@@ -303,7 +303,7 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     files: dict[PlayedTraining, set[str]] = {}
     scored: dict[tuple[str, str], dict[PlayedTraining, list[Episode]]] = {}
     for name, one in played.items():
-        trainings = [(name, draw) for draw in one.draws()]
+        trainings = [(name, draw) for draw in one.row.draws]
         for training, submitted in zip(trainings, one.submission.trainings, strict=True):
             files[training] = {file.sha256 for file in submitted.files(Role.FINAL)}
         for suite, runs in one.official.items():

@@ -218,11 +218,6 @@ class PlayedRow:
         runs = self.official.get(MAIN_SUITE, ())
         return [[row for row in run.rows if row.task == task] for run in runs]
 
-    def draws(self) -> tuple[FreshDraw, ...]:
-        """Return the draw of each training."""
-        found = (self.row.draw_for(training) for training in self.submission.trainings)
-        return tuple(draw for draw in found if draw is not None)
-
 
 def play_row(
     entry: Entry,

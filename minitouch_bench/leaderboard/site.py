@@ -176,7 +176,7 @@ def submission_page(played: PlayedRow, row: BoardRow, board: Board) -> str:
         row=row,
         facts=COLUMN_SPECS,
         submission=played.submission,
-        draws=played.draws(),
+        draws=played.row.draws,
         runs=[run for runs in played.official.values() for run in runs],
         checkpoint=policy,
         rank=f"{ranks[OVERALL]} of {rivals}" if OVERALL in ranks else "",

@@ -25,7 +25,6 @@ from minitouch_bench import errors
 from minitouch_bench.episode import Observation
 from minitouch_bench.policies import policy
 from minitouch_bench.policies.sandbox import HOST_SETTINGS, HOST_VARIABLES
-from minitouch_bench.processes import watch
 from minitouch_bench.text import plain_line
 
 MAX_PAYLOAD = 64 * 1024
@@ -219,7 +218,8 @@ class EpisodeChannel:
 
     def watch(self, pid: int) -> None:
         """Note which process is at the other end; the host reaps it when it is stopped."""
-        self._process = watch(pid)
+        with contextlib.suppress(AttributeError, OSError):  # not on macOS nor in every container
+            self._process = os.pidfd_open(pid)
 
     def ask(self, observation: bytes, deadline: float) -> tuple[Frame, bytes]:
         """Send an observation and return the answer; raises what ``receive`` does."""
@@ -239,7 +239,8 @@ class EpisodeChannel:
             WireError: not a packet of this protocol, or one that came before the observation.
         """
         while len(self._received) < (end := self._packet_end()):
-            if not wait_for((self._ours.fileno(), self._process), self.output, deadline):
+            ends = (one for one in (self._ours.fileno(), self._process) if one >= 0)
+            if not wait_for(ends, self.output, deadline):
                 raise TimeoutError
             if not self._take():
                 raise EOFError

@@ -27,7 +27,7 @@ from minitouch_bench.machine import compare_versions
 from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.runs.actions import pack_arrays, unpack_arrays
 from minitouch_bench.runs.plan import NAMED_IN_LABEL, first_of
-from minitouch_bench.runs.run import RunHeader, read_run
+from minitouch_bench.runs.run import RunHeader
 from minitouch_bench.text import plain_line
 
 LARGEST_JOURNAL = 3 * files.GIB // 2
@@ -127,17 +127,6 @@ class Journal:
             path = self.directory / files.JOURNAL_FILE
             with files.os_errors_as(RunDirectoryError, path, "removed"):
                 path.unlink(missing_ok=True)
-
-
-def read_header(directory: Path) -> RunHeader:
-    """Return the header of the run in a directory, finished or not.
-
-    Raises:
-        RunDirectoryError: the directory has no run, or its run is damaged.
-    """
-    if (directory / files.RUN_FILE).exists():
-        return read_run(directory).header
-    return _read(directory / files.JOURNAL_FILE)[0].header
 
 
 def _read(path: Path) -> tuple[_FirstLine, list[bytes | None]]:

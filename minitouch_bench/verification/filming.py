@@ -24,12 +24,7 @@ from minitouch_bench.machine import require
 from minitouch_bench.policies.policy import IMAGE_SHAPE, Policy
 from minitouch_bench.processes import core_count, run_in_workers
 from minitouch_bench.protocol.minitouch import PROTOCOL
-from minitouch_bench.reporting.viewer import (
-    EpisodePage,
-    ReplayedEpisode,
-    episode_csv,
-    episode_page,
-)
+from minitouch_bench.reporting.viewer import ReplayedEpisode, episode_page
 from minitouch_bench.runs.run import Run
 from minitouch_bench.tasks.environment import MiniTouchEnv
 from minitouch_bench.text import numbered, printable
@@ -121,16 +116,6 @@ def require_video() -> Any:
     return require("imageio.v2", "video")
 
 
-def show_episode(run: Run, key: str) -> EpisodePage:
-    """Replay an episode of a run, called as ``pushing/17``, and return its page.
-
-    Raises:
-        UsageError: the run has no such episode, or cannot be replayed here.
-        RunDirectoryError: a file of it is missing or damaged.
-    """
-    return episode_page(replay_episode(run, key))
-
-
 def replay_episode(run: Run, key: str) -> ReplayedEpisode:
     """Film an episode of a run, called as ``pushing/17``.
 
@@ -156,7 +141,7 @@ def refuse_other_scene(key: str, first: Run, second: Run) -> None:
 
 
 def film_to_files(run: Run, job: tuple[EpisodeSpec, Iterable[Path]]) -> PlayedEpisode:
-    """Replay an episode once, and write a viewer, a video or a table into each of the files.
+    """Replay an episode once, and write a viewer or a video into each of the files.
 
     Raises:
         MissingExtraError: an ``.mp4`` needs the extra ``video``.
@@ -167,8 +152,6 @@ def film_to_files(run: Run, job: tuple[EpisodeSpec, Iterable[Path]]) -> PlayedEp
     for path in paths:
         if path.suffix == ".html":
             episode_page(ReplayedEpisode(run, film, is_as_recorded(run, film.played))).save(path)
-        elif path.suffix == ".csv":
-            write_file(path, episode_csv(run, film))
         else:
             write_video(film, path)
     return film.played

@@ -54,13 +54,6 @@ def test_the_page_s_example_trains_and_resumes_with_trust_and_the_same_file(besi
         run_training(OWN, again, resume=True, device="cpu", trust=True)
 
 
-def test_a_training_from_before_own_methods_is_still_read(undisturbed, tmp_path):
-    text = (undisturbed / "config.toml").read_text()
-    (tmp_path / "config.toml").write_text(text.replace('method_digest = ""\n', ""))
-    assert "method_digest" not in (tmp_path / "config.toml").read_text()
-    assert read_recorded_config(tmp_path / "config.toml") == CONFIG
-
-
 MINE = """
 import torch
 from minitouch_bench.agents.curiosity import Curiosity, Errors

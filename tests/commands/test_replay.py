@@ -46,7 +46,7 @@ def test_an_episode_is_looked_at_beside_its_run(copy):
     files = [copy / "replays" / f"opening-1.{suffix}" for suffix in ("html", "mp4", "csv")]
     assert done.out.split() == list(map(str, files))
     assert all(path.stat().st_size > 1000 for path in files)
-    assert "success after" in done.err
+    assert "succeeded after" in done.err
     assert "the same bits as recorded" in done.err
     succeed("verify", copy, directory=copy.parent)  # a view changes no report
 

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import pytest
 
-from minitouch_bench import files
 from minitouch_bench.api import evaluate
 from minitouch_bench.episode import Outcome
 from minitouch_bench.errors import (
@@ -15,7 +14,6 @@ from minitouch_bench.errors import (
 )
 from minitouch_bench.evaluation.engine import Callbacks, LocalEngine
 from minitouch_bench.evaluation.execution import (
-    default_directory,
     header_of,
     open_run,
     resumable,
@@ -90,21 +88,6 @@ def test_a_difference_is_said_without_its_consequences(tmp_path):
 def test_a_run_is_named_after_what_differs_from_its_suite(options, name):
     plan = make_plan(**{"suite": "table4", **options})
     assert run_name(header_of(replace(request("zero"), plan=plan))) == name
-
-
-@pytest.mark.parametrize("ending", ["", "-regress"])
-def test_runs_of_one_name_and_other_formats_have_other_directories(tmp_path, monkeypatch, ending):
-    monkeypatch.chdir(tmp_path)
-    first = header_of(request("zero", ("opening",), 1))
-    directory = default_directory(first, ending)
-    assert directory == files.REPORTS / f"{run_name(first)}{ending}"
-    onnx = replace(first, policy=replace(first.policy, kind="onnx"))
-    assert default_directory(onnx, ending) == directory
-    open_run(first, directory)  # it is not finished yet
-    beside = default_directory(onnx, ending)
-    assert beside.name == f"zero-onnx-table4-opening-1-episode{ending}"
-    open_run(onnx, beside)
-    assert [default_directory(one, ending) for one in (first, onnx)] == [directory, beside]
 
 
 def test_a_long_name_of_a_run_is_cut_and_stays_its_own():

@@ -1,5 +1,6 @@
 """Real episodes, filmed in the real simulator, and looked at in a real browser."""
 
+import io
 import subprocess
 from dataclasses import replace
 
@@ -8,15 +9,15 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+import minitouch_bench as mt
 from minitouch_bench.evaluation.engine import Callbacks
 from minitouch_bench.evaluation.policy_setup import Recording
 from minitouch_bench.perturbation import Perturbation
+from minitouch_bench.reporting.viewer import ReplayedEpisode, episode_csv, episode_page
 from minitouch_bench.runs.run import read_run
 from minitouch_bench.verification.filming import (
     film_episode,
     film_run,
-    film_to_files,
-    show_episode,
     write_video,
 )
 from tests.evaluation.runs import request, run
@@ -36,7 +37,7 @@ def steps(scripted):
 
 @pytest.fixture(scope="module")
 def page(scripted, tmp_path_factory):
-    return show_episode(scripted, KEY).save(tmp_path_factory.mktemp("viewer") / "pick-up.html")
+    return mt.replay(scripted, KEY).save(tmp_path_factory.mktemp("viewer") / "pick-up.html")
 
 
 @pytest.fixture
@@ -121,10 +122,12 @@ def test_what_the_policy_was_given_is_shown_beside_the_truth(
 ):
     plan = replace(scripted.plan, conditions=conditions)
     altered = replace(scripted, header=replace(scripted.header, plan=plan))
-    page, table = tmp_path / "page.html", tmp_path / "table.csv"
+    page = tmp_path / "page.html"
     spec, _ = scripted.find(KEY)
-    truth = film_to_files(altered, (spec, (page, table))).trace.touch[:, 5:]
-    rows = pd.read_csv(table)
+    film = film_episode(Recording.of(altered, [spec]), spec)
+    episode_page(ReplayedEpisode(altered, film, is_as_recorded=True)).save(page)
+    truth = film.played.trace.touch[:, 5:]
+    rows = pd.read_csv(io.StringIO(episode_csv(altered, film)))
     given = [name for name in rows if name.startswith("given_")]
     forces = rows[given[-6:]].to_numpy()
     assert given[0] == f"given_{first_given}"
