@@ -107,6 +107,7 @@ def test_playing_shows_the_touch_share_and_no_sentence(hac):
     rows = [row for row in hac.rows if row.task == "playing"]
     figure, plot = drawn(rows, task="playing")
     assert not plot.note
+    assert figure.legend
     assert all("touch share" in item.text or "never" in item.text for item in figure.legend)
 
 

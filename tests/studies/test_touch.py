@@ -19,7 +19,6 @@ from experiments.touch.analysis import (
     values_of,
 )
 
-RNG = np.random.default_rng(5)
 MEASURE = {"pushing": "success", "pick-up": "success"}
 CLAIMS = [
     {"better": better, "worse": worse, "measure": MEASURE}
@@ -28,7 +27,8 @@ CLAIMS = [
 
 
 def test_the_p_value_is_that_of_every_division_of_the_seeds_of_equal_numbers():
-    better, worse = ([RNG.integers(0, 20, 3) / 100 for _ in range(2)] for _ in range(2))
+    rng = np.random.default_rng(5)
+    better, worse = ([rng.integers(0, 20, 3) / 100 for _ in range(2)] for _ in range(2))
     every = [
         [sum(part) for part in combinations([*one, *other], 3)]
         for one, other in zip(better, worse, strict=True)
@@ -45,8 +45,9 @@ def test_the_p_value_is_that_of_every_division_of_the_seeds_of_equal_numbers():
 
 
 def known(**means):
+    rng = np.random.default_rng(5)
     return {
-        (arm, task, "success"): np.clip(mean + RNG.normal(0, 0.05, 8), 0, 1).round(2)
+        (arm, task, "success"): np.clip(mean + rng.normal(0, 0.05, 8), 0, 1).round(2)
         for arm, mean in means.items()
         for task in MEASURE
     }
@@ -96,12 +97,13 @@ def test_a_study_that_lacks_a_training_is_not_judged(tmp_path):
 
 
 def test_the_detectable_difference_is_found_by_the_exact_test():
-    spread = [RNG.normal(0.5, 0.1, 8)], [RNG.normal(0.5, 0.1, 8)]
+    rng = np.random.default_rng(5)
+    spread = [rng.normal(0.5, 0.1, 8)], [rng.normal(0.5, 0.1, 8)]
     shift = detectable(*spread, 0.01)
     deviation = np.sqrt(np.mean([one[0].var(ddof=1) for one in spread]))
     found = [
         stratified_p(
-            [RNG.normal(0.5 + shift, deviation, 8)], [RNG.normal(0.5, deviation, 8)]
+            [rng.normal(0.5 + shift, deviation, 8)], [rng.normal(0.5, deviation, 8)]
         ) <= 0.01
         for _ in range(200)
     ]  # fmt: skip

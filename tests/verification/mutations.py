@@ -298,6 +298,7 @@ def secret_shown(root: Path) -> bool:
 def try_mutations(kind: str, seed: int, count: int) -> list[str]:
     """Spoil one of a kind ``count`` times and have all readers read each; return the problems."""
     problems: list[str] = []
+    spoiled = 0
     with TemporaryDirectory() as folder:
         root = Path(folder)
         if kind == "submission":
@@ -317,6 +318,7 @@ def try_mutations(kind: str, seed: int, count: int) -> list[str]:
             place = root / "arena" / "in" / sound.name
             shutil.copytree(sound, place)
             done = mutate(place, random.Random(number), mine)
+            spoiled += bool(done)
             for name, read in readers(place, sound, engine):
                 if what := within_limits(read, memory):
                     problems.append(f"{number} {name} ({done}): {what}")
@@ -326,6 +328,8 @@ def try_mutations(kind: str, seed: int, count: int) -> list[str]:
             if secret_shown(root / "arena"):
                 problems.append(f"{number} ({done}): a file of the user was copied")
             shutil.rmtree(root / "arena")
+    if not problems and spoiled < 0.9 * count:
+        problems.append(f"only {spoiled} of {count} were spoiled")
     return problems
 
 
