@@ -1,15 +1,16 @@
-"""Check the submission of a pull request, or play rows after a merge.
+"""Check the submission of a pull request, or play a row after a merge.
 
 ::
 
     submissions.py check --clone DIR --base SHA --head SHA --output DIR
-    submissions.py play [--base SHA --head SHA | --name NAME] [--stop-after 5h]
+    submissions.py names --base SHA --head SHA [--name NAME]
+    submissions.py play --name NAME [--stop-after 5h]
 
 ``check`` takes ``submissions/NAME/`` from the clone, checks it with this environment's program, and
 plays a few episodes with each of its trainings. The change may be in one submission's directory and
-nowhere else. It writes ``result.json`` and ``output.txt`` for ``post_report.py``. ``play`` plays
-the rows of the submissions that changed in this clone, into ``played/``; what was played of them
-before is kept.
+nowhere else. It writes ``result.json`` and ``output.txt`` for ``post_report.py``. ``names`` prints
+the submissions that changed in this clone, or the one that is named. ``play`` plays the row of one
+into ``played/``; what was played of it before is kept.
 """
 
 import argparse
@@ -39,30 +40,24 @@ MAX_OUTPUT = 20_000
 def main(arguments: Sequence[str] | None = None) -> int:
     """Do what is asked for; return the exit code."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("action", choices=("check", "play"))
+    parser.add_argument("action", choices=("check", "names", "play"))
     parser.add_argument("--clone", type=Path, default=ROOT)
     parser.add_argument("--base", default="")
     parser.add_argument("--head", default="HEAD")
-    parser.add_argument("--name")
+    parser.add_argument("--name", default="")
     parser.add_argument("--stop-after", default="5h")
     parser.add_argument("--output", type=Path, default=Path("checked"))
     given = parser.parse_args(arguments)
-    if given.name is None:
-        names, other = changed(given.clone, given.base, given.head)
-    else:
-        names, other = [given.name], []
-    present = [name for name in names if (given.clone / "submissions" / name).is_dir()]
     if given.action == "play":
+        return play(given.name, given.clone, given.stop_after)
+    names, other = (
+        ([given.name], []) if given.name else changed(given.clone, given.base, given.head)
+    )
+    present = [name for name in names if (given.clone / "submissions" / name).is_dir()]
+    if given.action == "names":
         sound = [name for name in present if NAME.fullmatch(name)]
-        if not sound:
-            print(f"nothing to play: no submission {given.name or 'changed'}")
-            return 2 if given.name else 0
-        for name in sound:
-            before, row = (given.clone / place / name for place in ("reports/results", "played"))
-            if before.is_dir() and not row.exists():
-                shutil.copytree(before, row)
-        options = ("--results", "played", "--stop-after", given.stop_after)
-        return run((*COMMAND, "leaderboard", "play", *sound, *options), given.clone)[0]
+        print(f"names={json.dumps(sound)}")
+        return 2 if given.name and not sound else 0
     given.output.mkdir(parents=True, exist_ok=True)
     if other or len(names) != 1 or not present:
         named = ", ".join(map(repr, [*names, *other][:10])) or "no file of a submission"
@@ -112,6 +107,22 @@ def check(name: str, clone: Path) -> tuple[str, str]:
                 if not OUTCOMES.get(code, "").startswith("sound"):
                     break
     return OUTCOMES.get(code, f"the check failed with exit code {code}"), text
+
+
+def play(name: str, clone: Path, stop_after: str) -> int:
+    """Play a row, or go on with it, unless it was played elsewhere since, with other draws."""
+    before, row = (clone / place / name for place in ("reports/results", "played"))
+    if before.is_dir() and draws(before) != draws(row):
+        shutil.rmtree(row, ignore_errors=True)
+        shutil.copytree(before, row)
+    options = ("--results", "played", "--stop-after", stop_after)
+    return run((*COMMAND, "leaderboard", "play", name, *options), clone)[0]
+
+
+def draws(row: Path) -> object:
+    """Return the draws of a row, None where there is no row."""
+    file = row / "row.toml"
+    return tomllib.loads(file.read_text()).get("draws") if file.exists() else None
 
 
 def run(command: Sequence[str], folder: Path) -> tuple[int, str]:

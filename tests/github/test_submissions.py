@@ -142,21 +142,32 @@ def test_a_change_of_more_than_one_submission_is_not_checked(script, clone, file
 def test_after_a_merge_every_changed_submission_is_played(script, clone, capsys):
     base = commit(clone, submissions__old__code="")
     head = commit(clone, submissions__one__code="", submissions__two__code="", README="")
-    (clone / "reports" / "results" / "one").mkdir(parents=True)
-    (clone / "reports" / "results" / "one" / "row.toml").write_text("draws = []")
-
-    def play(*options):
-        capsys.readouterr()
-        code = script.main(["play", "--clone", str(clone), *options])
-        return code, [line for line in capsys.readouterr().out.splitlines() if "play" in line]
-
-    for options, names in (
-        (("--base", base, "--head", head), "one two"),
-        (("--base", "0" * 40, "--head", head), "old one two"),
-        (("--name", "one"), "one"),
+    for options, names, code in (
+        (("--base", base, "--head", head), ["one", "two"], 0),
+        (("--base", "0" * 40, "--head", head), ["old", "one", "two"], 0),
+        (("--base", head, "--head", head, "--name", "one"), ["one"], 0),
+        (("--base", head, "--head", head), [], 0),
+        (("--name", "../one"), [], 2),
     ):
-        assert play(*options) == (0, [f"leaderboard play {names} --results played --stop-after 5h"])
-    assert (clone / "played" / "one" / "row.toml").read_text() == "draws = []"
-    assert play("--name", "../one") == (2, ["nothing to play: no submission ../one"])
-    commit(clone, submissions__slow__code="")
-    assert play("--name", "slow")[0] == 5
+        assert script.main(["names", "--clone", str(clone), *options]) == code
+        assert capsys.readouterr().out == f"names={json.dumps(names)}\n"
+
+
+def test_a_row_goes_on_unless_it_was_played_elsewhere_since(script, clone, capsys):
+    commit(clone, submissions__one__code="")
+    played, kept = (clone / place / "one" for place in ("played", "reports/results"))
+
+    def play(name="one"):
+        return script.main(["play", "--clone", str(clone), "--name", name])
+
+    assert play() == 0
+    assert "leaderboard play one --results played --stop-after 5h" in capsys.readouterr().out
+    for folder, text in ((played, 'waiting = "a"\ndraws = [1]'), (kept, "draws = [1]")):
+        folder.mkdir(parents=True)
+        (folder / "row.toml").write_text(text)
+    play()
+    assert "waiting" in (played / "row.toml").read_text()
+    (kept / "row.toml").write_text("draws = [2]")
+    play()
+    assert (played / "row.toml").read_text() == "draws = [2]"
+    assert play("slow") == 5
