@@ -123,7 +123,7 @@ $(READY): pyproject.toml constraints.txt
 
 # Every extra, and what tests and checks need.
 $(DEV): $(READY)
-	@echo "Installing every extra and what the tests need into $(VENV): 800 MB more on the disk"
+	@echo "Installing every extra but lerobot and what the tests need into $(VENV): 800 MB more on the disk"
 	@$(PIP) --editable '.[dev]'
 	@touch $(DEV)
 

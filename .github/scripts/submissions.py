@@ -29,7 +29,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 COMMAND = (sys.executable, "-m", "minitouch_bench")
 
-OUTCOMES = {0: "sound", 1: "refused", 3: "refused", 4: "sound, with policy faults"}
+OUTCOMES = {
+    0: "sound", 1: "refused", 3: "refused", 4: "sound, with policy faults", 5: "not finished",
+}  # fmt: skip
 """What the exit codes of the commands mean; any other end is a fault of the program."""
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -112,17 +114,18 @@ def check(name: str, clone: Path) -> tuple[str, str]:
 def play(name: str, clone: Path, stop_after: str) -> int:
     """Play a row, or go on with it, unless it was played elsewhere since, with other draws."""
     before, row = (clone / place / name for place in ("reports/results", "played"))
-    if before.is_dir() and draws(before) != draws(row):
+    known = draws(row, "draws") + draws(row, "retired")
+    if any(draw not in known for draw in draws(before, "draws")):
         shutil.rmtree(row, ignore_errors=True)
         shutil.copytree(before, row)
     options = ("--results", "played", "--stop-after", stop_after)
     return run((*COMMAND, "leaderboard", "play", name, *options), clone)[0]
 
 
-def draws(row: Path) -> object:
-    """Return the draws of a row, None where there is no row."""
+def draws(row: Path, key: str) -> list[object]:
+    """Return the draws of a row, those in force or those that are retired."""
     file = row / "row.toml"
-    return tomllib.loads(file.read_text()).get("draws") if file.exists() else None
+    return list(tomllib.loads(file.read_text()).get(key, [])) if file.exists() else []
 
 
 def run(command: Sequence[str], folder: Path) -> tuple[int, str]:

@@ -55,8 +55,9 @@ class Callbacks:
 
     ``note`` takes one line for the user. ``phase`` takes what begins now, in a word or two, and
     its number of episodes, of a training that of control steps; ``episode`` takes each episode of
-    the phase as it ends. Of a training alone: ``row`` takes each row of ``progress.csv``, a
-    ``ProgressRow``; ``should_stop`` is asked before each control step.
+    the phase as it ends. ``should_stop`` is asked after each episode that an evaluation has played,
+    and before each control step of a training. Of a training alone: ``row`` takes each row of
+    ``progress.csv``, a ``ProgressRow``.
     """
 
     note: Callable[[str], None] = ignore
@@ -75,10 +76,9 @@ SILENT = Callbacks()
 
 
 def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:
-    """Return callbacks that end an evaluation once so many seconds are over and an episode ends.
+    """Return callbacks that stop an evaluation once so many seconds are over and an episode ends.
 
-    They raise an ``InfrastructureError``: what is done is kept, and the run can be resumed. With
-    None nothing changes.
+    With None nothing changes.
 
     Raises:
         UsageError: it is no time above 0.
@@ -88,13 +88,9 @@ def stopping_after(seconds: float | None, callbacks: Callbacks) -> Callbacks:
     if not seconds > 0:
         raise UsageError(f"stop_after is a time above 0 s, not {seconds}")
     end = time.monotonic() + seconds
-
-    def episode(record: PlayedEpisode) -> None:
-        callbacks.episode(record)
-        if time.monotonic() >= end:
-            raise InfrastructureError("stopped: the time of --stop-after is over")
-
-    return replace(callbacks, episode=episode)
+    return replace(
+        callbacks, should_stop=lambda: time.monotonic() >= end or callbacks.should_stop()
+    )
 
 
 Note = Callable[[str], None]

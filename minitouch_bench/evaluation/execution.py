@@ -3,14 +3,14 @@
 import hashlib
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from minitouch_bench import errors, files
-from minitouch_bench.episode import Outcome, PlayedEpisode
+from minitouch_bench.episode import Outcome
 from minitouch_bench.evaluation.engine import Callbacks, Engine
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.machine import RunEnvironment, installed_versions, machine_facts
@@ -104,16 +104,14 @@ def open_run(
     return done
 
 
-def play_missing(
-    setup: PolicySetup, journal: Journal, engine: Engine, on_record: Callable[[PlayedEpisode], None]
-) -> Run:
+def play_missing(setup: PolicySetup, journal: Journal, engine: Engine, callbacks: Callbacks) -> Run:
     """Play the episodes that are missing, and return the whole run.
 
-    The journal keeps each record before ``on_record`` sees it. Where the run has a directory,
+    The journal keeps each record before the callbacks see it. Where the run has a directory,
     ``actions.npz`` is written there at the end.
 
     Raises:
-        InfrastructureError: the run is incomplete; what is done is kept.
+        InfrastructureError: the run is incomplete, or was stopped; what is done is kept.
         HopelessRunError: so is one whose first episodes are all policy faults; a run that is
             resumed after them goes on.
     """
@@ -127,12 +125,14 @@ def play_missing(
         setup = setup.keep_out_of(directory)
     for record in engine.run(setup, missing):
         journal.keep(record)
-        on_record(record)
+        callbacks.episode(record)
         if record.spec in first and all(spec in records for spec in first):
             played = [records[spec] for spec in first]
             if all(one.outcome is Outcome.POLICY_FAULT for one in played):
                 text = f"the first {len(first)} episodes are all policy faults: {played[0].fault}"
                 raise errors.HopelessRunError(text)
+        if len(records) < len(specs) and callbacks.should_stop():
+            raise errors.InfrastructureError("stopped before the last episode, as was asked for")
     environment = RunEnvironment(
         packages=package_versions(),
         machine=machine_facts(),
@@ -172,7 +172,7 @@ def play_run(
     with resumable(opened.directory, how):
         for record in opened.records.values():
             callbacks.episode(record)
-        run = play_missing(setup, opened, engine, callbacks.episode)
+        run = play_missing(setup, opened, engine, callbacks)
         if run.directory is None:
             return run
         content = run_json(run)
@@ -194,6 +194,8 @@ def resumable(directory: Path | None, how: str = "with --resume ") -> Iterator[N
     changed = (
         f"{kept}: --resume continues with the old file, --fresh begins again with the new one."
     )
+    if not how:
+        changed = f"{kept}; the same command continues with the old file."
     repeat = "Correct the policy and repeat"
     if directory is None:
         usual = changed = "Nothing is kept: a run with an output directory could be resumed."

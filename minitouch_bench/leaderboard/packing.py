@@ -19,7 +19,7 @@ from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.play import Entry
 from minitouch_bench.leaderboard.submission import NAME, Submission, mistakes
 from minitouch_bench.policies import lerobot
-from minitouch_bench.policies.formats import BUILT_IN, FORMATS
+from minitouch_bench.policies.formats import BUILT_IN, KIND_BY_SUFFIX
 from minitouch_bench.policies.policy import DIRECTORY, SANDBOXED, IsolationOptions, PolicySource
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
@@ -130,10 +130,10 @@ def _files_of(source: PolicySource, role: Role) -> Iterator[tuple[CheckpointFile
     if role is Role.FINAL and source.kind in BUILT_IN:
         return
     for task, part in source.parts if source.kind == DIRECTORY else ((ALL_TASKS, source),):
-        if part.kind not in FORMATS:
+        if part.kind not in KIND_BY_SUFFIX.values():
             raise UsageError(
                 f"{source.name} is not a checkpoint: a row is played from files (see "
-                "docs/reference/formats.md), which a maintainer can run in the sandbox"
+                "docs/reference/formats.md)"
             )
         path = Path(part.address or part.target)
         name = f"{task}{lerobot.SUFFIX}" if Path(part.target).is_dir() else path.name

@@ -159,7 +159,7 @@ def test_a_run_that_is_stopped_keeps_its_episodes_and_is_continued(scripted, tmp
     evaluate = (*SCRIPTED, "--output", "run")
     stopped = run(*evaluate, "--stop-after", "0.01s", directory=tmp_path)
     assert stopped.code == 5
-    assert "--stop-after" in stopped.err
+    assert "stopped before the last episode" in stopped.err
     assert "--resume" in stopped.err
     assert len((tmp_path / "run" / JOURNAL_FILE).read_bytes().splitlines()) > 1
     succeed(*evaluate, "--resume", directory=tmp_path)

@@ -58,12 +58,12 @@ def test_rows_are_played_and_a_broken_one_is_named(root, monkeypatch):
 
 
 def test_a_row_that_is_stopped_says_how_it_goes_on(tmp_path, monkeypatch):
-    play_few(monkeypatch)
+    play_few(monkeypatch, official=2)
     succeed("submit", "zero", "--name", "zero", directory=tmp_path)
     play = ("leaderboard", "play", "zero", "--workers", "1")
     stopped = run(*play, "--stop-after", "0.01s", directory=tmp_path)
     assert stopped.code == 5
-    assert "--stop-after" in stopped.err
+    assert "stopped before the last episode" in stopped.err
     assert succeed(*play, directory=tmp_path).out == "reports/results/zero\n"
 
 

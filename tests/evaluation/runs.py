@@ -6,7 +6,7 @@ from pathlib import Path
 
 from minitouch_bench import api
 from minitouch_bench.evaluation import rollout
-from minitouch_bench.evaluation.engine import LocalEngine
+from minitouch_bench.evaluation.engine import Callbacks, LocalEngine
 from minitouch_bench.evaluation.execution import header_of, open_run, play_missing
 from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.rollout import EpisodeRunner
@@ -63,7 +63,9 @@ def run(
     with lock_directory(directory):
         opened = open_run(header_of(wanted), directory, resume=resume, fresh=fresh)
         missing = len(opened.header.specs()) - len(opened.records)
-        done = play_missing(wanted, opened, engine or LocalEngine(workers), seen.append)
+        done = play_missing(
+            wanted, opened, engine or LocalEngine(workers), Callbacks(episode=seen.append)
+        )
     assert len(seen) == missing
     return done
 
