@@ -5,6 +5,7 @@ or name the design file and the directory of another experiment.
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -90,6 +91,8 @@ def read_rows(directory: Path, name: str) -> pd.DataFrame:
     Episodes and estimates that are not there are those of the leaderboard.
     """
     file = directory / f"{name}.csv"
+    if not (directory / "trainings.csv").exists():
+        sys.exit(f"no training is finished in {directory}")
     if name in ("episodes", "estimates") and not file.exists():
         return played_rows(directory)[name]
     return pd.read_csv(file, keep_default_na=name == "curves")
@@ -148,7 +151,11 @@ def changes_of(episodes: pd.DataFrame) -> pd.DataFrame:
     others = main[main["conditions"] != ""].groupby([*KEY, "conditions"], sort=False)
     for (*cell, conditions), group in others:
         index = pd.MultiIndex.from_frame(group[[*KEY, "index"]])
-        pair = (won.to_numpy(float) for won in (standard[index], group["success"]))
+        if not (in_both := index.isin(standard.index)).any():
+            continue
+        pair = (
+            won.to_numpy(float) for won in (standard[index[in_both]], group["success"][in_both])
+        )
         named = (*cell, "table4", conditions, f"success{CHANGE}")
         rows.append((*named, *astuple(tango(*count_discordance(*pair)))))
     return pd.DataFrame(rows, columns=[*KEY, "suite", "conditions", "metric", *ESTIMATE])

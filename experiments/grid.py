@@ -266,30 +266,34 @@ def _estimates(run: mt.Run, task: str) -> Iterator[dict[str, Any]]:
 
 def add_rows(output: Path, cell: Cell, rows: Mapping[str, pd.DataFrame]) -> None:
     """Add a cell's rows to the CSV files; rows that it has there already are replaced."""
-    for name, frame in rows.items():
-        file, parts = output / f"{name}.csv", [frame]
-        if file.exists():
-            before = pd.read_csv(file, keep_default_na=False, dtype=str)
-            is_other = (before[KEY] != [str(value) for value in asdict(cell).values()]).any(axis=1)
-            parts.insert(0, before[is_other])
-        temporary = file.with_suffix(".tmp")
-        pd.concat(parts).to_csv(temporary, index=False)
-        temporary.replace(file)
+    key = [str(value) for value in asdict(cell).values()]
+    with open(output / "rows.lock", "w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another grid may add the rows of other cells
+        for name, frame in rows.items():
+            file, parts = output / f"{name}.csv", [frame]
+            if file.exists():
+                before = pd.read_csv(file, keep_default_na=False, dtype=str)
+                parts.insert(0, before[(before[KEY] != key).any(axis=1)])
+            temporary = file.with_suffix(".tmp")
+            pd.concat(parts).to_csv(temporary, index=False)
+            temporary.replace(file)
 
 
-def finished_cells(output: Path) -> set[Cell]:
-    """Return the cells whose rows are in the CSV files."""
-    file = output / "trainings.csv"
+def finished_cells(file: Path) -> set[Cell]:
+    """Return the cells that have rows in a CSV file; a finished one is in ``trainings.csv``."""
     if not file.exists():
         return set()
-    return {Cell(*row) for row in pd.read_csv(file)[KEY].itertuples(index=False)}
+    rows = pd.read_csv(file, usecols=KEY)[KEY].drop_duplicates()
+    return {Cell(*row) for row in rows.itertuples(index=False)}
 
 
 def check_complete(design: Mapping[str, Any], directory: Path) -> None:
-    """Exit where the rows of a training of the design are missing."""
+    """Exit where the rows of a training of the design are missing in one of the files."""
     cells = {*cells_of(design)}
-    if missing := cells - finished_cells(directory):
-        sys.exit(f"{directory} lacks {len(missing)} of {len(cells)} trainings")
+    files = [directory / f"{name}.csv" for name in FILES]
+    for file in (one for one in files if one.exists() or one.stem == "trainings"):
+        if missing := cells - finished_cells(file):
+            sys.exit(f"{file} lacks {len(missing)} of {len(cells)} trainings")
 
 
 def run_grid(
@@ -312,7 +316,7 @@ def run_grid(
             sys.exit(f"{output} was started with another {changed[0]}: choose another --output")
     kept.write_bytes(design_file.read_bytes())
     cells = [cell for cell in cells_of(design) if any(fnmatch(cell.name, one) for one in only)]
-    finished = finished_cells(output)
+    finished = finished_cells(output / "trainings.csv")
     left = [cell for cell in cells if cell not in finished]
     print(f"{len(cells) - len(left)} of {len(cells)} cells are finished", file=sys.stderr)
     failed = {}

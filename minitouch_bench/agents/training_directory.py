@@ -76,7 +76,7 @@ def run_training(
         )
     chosen = choose_device(device)
     keep_freed_memory()
-    with files.lock_directory(directory), _own_settings(), _own_faults(config.method):
+    with files.lock_directory(directory), _own_settings(chosen), _own_faults(config.method):
         config = replace(config, method_digest=digest_method(config.method))
         known = _check_directory(config, directory, callbacks.note, resume=resume, fresh=fresh)
         callbacks.phase("training", config.steps)
@@ -141,15 +141,22 @@ def _own_faults(method: str) -> Iterator[None]:
 
 
 @contextmanager
-def _own_settings() -> Iterator[None]:
+def _own_settings(device: torch.device) -> Iterator[None]:
     """Let torch compute on one thread, in float32 and with gradients, whatever the caller set."""
     threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
+    precision, cudnn = torch.get_float32_matmul_precision(), torch.backends.cudnn
+    of_cudnn = cudnn.deterministic, cudnn.benchmark
     try:
+        if device.type == "cuda":
+            cudnn.deterministic, cudnn.benchmark = True, False
+            torch.set_float32_matmul_precision("high")
         torch.set_num_threads(1)  # more change the last bits, and are slower beside a simulator
         torch.set_default_dtype(torch.float32)
         with torch.inference_mode(False):  # also ends no_grad of the caller
             yield
     finally:
+        cudnn.deterministic, cudnn.benchmark = of_cudnn
+        torch.set_float32_matmul_precision(precision)
         torch.set_num_threads(threads)
         torch.set_default_dtype(dtype)
 
@@ -209,9 +216,6 @@ def choose_device(name: str) -> torch.device:
     if name == "cpu" or not found:
         return torch.device("cpu")
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # equal sums in every run
-    torch.backends.cudnn.deterministic = True
-    torch.backends.cudnn.benchmark = False
-    torch.set_float32_matmul_precision("high")
     return torch.device("cuda")
 
 

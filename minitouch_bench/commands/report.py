@@ -52,6 +52,8 @@ def report(
 
     if table_format is not None and output is not None:
         raise UsageError("--format prints Table 4 and writes no page: leave --output out")
+    if table_format is not None and diagnostics:
+        raise UsageError("--format prints Table 4 alone: leave --diagnostics out")
     if figure is not None:
         figures.check_figure(figure)
     opened = [read_run(run) for run in runs]
@@ -59,7 +61,7 @@ def report(
     is_whole = is_single and not (tasks or metrics or names)  # a part never replaces the run's page
     usual = reporting.view_directory(first) if is_whole else COMPARISONS / _name_of(opened)
     directory = output or usual
-    is_own = is_single and os.path.realpath(directory) == os.path.realpath(first)
+    is_own = is_whole and os.path.realpath(directory) == os.path.realpath(first)
     if holds_run(directory) and not is_own:
         raise RunDirectoryError(
             f"{directory} contains a run, whose report.html this would replace: choose another "

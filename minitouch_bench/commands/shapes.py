@@ -88,6 +88,8 @@ def import_objects(  # noqa: PLR0917 - each parameter is an option of the comman
 
     _check_name(output)
     scales = _scales_of(scale or [])
+    if fit and scales:
+        raise UsageError("--fit gives each object its size: leave --scale out")
     config = exchange.ImportConfig(scales.pop("", 1.0), fit, density, scales)
     with count_progress("objects") as progress:
         result = exchange.import_objects(sources, output, config, workers, progress, fresh=fresh)

@@ -3,6 +3,7 @@
 The site is an index and a page per row, each complete in itself. Results alone are shown.
 """
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -205,7 +206,8 @@ def _title(key: str) -> str:
 def _browsed(row: BoardRow, run: Run, path: str) -> pages.BrowsedRun:
     place = run.name.partition("/")[2]
     policy = row.name if row.is_calibration else f"{path}/{place.partition('/')[0]}"
-    return pages.BrowsedRun(place, replace(run, exploration_rows=()), policy=policy)
+    evaluate = shlex.join(["minitouch-bench", "evaluate", policy])
+    return pages.BrowsedRun(place, replace(run, exploration_rows=()), evaluate=evaluate)
 
 
 def _card(row: BoardRow, task: str, rank: str) -> pages.Card:

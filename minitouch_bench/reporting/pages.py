@@ -159,14 +159,14 @@ class BrowsedRun:
     ``address``: of the run's directory, relative to the page; a page that is opened from a disk
     shows the path it leads to. ``viewers``: addresses of the viewers that this process made, by
     episode. What lies in a run's directory may be a stranger's page, so it is not looked for.
-    ``policy``: what ``evaluate`` takes, for a run whose actions are not kept.
+    ``evaluate``: the command that plays it again, for a run whose actions are not kept.
     """
 
     title: str
     run: Run
     address: str = ""
     viewers: Mapping[str, str] = field(default_factory=dict)
-    policy: str = ""
+    evaluate: str = ""
 
 
 def relative_address(path: Path, page: Path) -> str:
@@ -186,7 +186,7 @@ def browser_data(runs: Sequence[BrowsedRun], tasks: Collection[str] = ()) -> Mar
         "runs": [
             {
                 "title": one.title,
-                "policy": one.policy,
+                "evaluate": one.evaluate,
                 "address": one.address,
                 "viewers": one.viewers,
                 "groups": list(_groups(one.run, tasks)),

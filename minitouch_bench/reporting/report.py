@@ -7,7 +7,7 @@ CSV and JSON.
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 from types import MappingProxyType
@@ -108,6 +108,9 @@ def _browsed(
     run, there = section.run, section.run.directory
     if page is None or there is None:
         return pages.BrowsedRun(section.name, run)
+    if os.path.lexists(there / files.PACKED_RUN_FILE):
+        evaluate = labels.reproduce_command(replace(run.header, exploration=None))
+        return pages.BrowsedRun(section.name, replace(run, exploration_rows=()), evaluate=evaluate)
     known = {key: pages.relative_address(path, page) for key, path in viewers.items()}
     return pages.BrowsedRun(section.name, run, pages.relative_address(there, page), known)
 

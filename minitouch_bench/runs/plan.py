@@ -88,7 +88,8 @@ class PlannedObjects:
     @property
     def are_listed(self) -> bool:
         """Whether single shapes were named, as only Python can."""
-        return self.name != CUBE and self.name == first_of(self.shapes, NAMED_IN_LABEL)
+        is_set = self.name in (CUBE, Path(self.source).name)
+        return not is_set and self.name == first_of(self.shapes, NAMED_IN_LABEL)
 
     def mistake(self, tasks: Sequence[str]) -> str:
         """Return why the tasks cannot be played with these objects, or ""."""

@@ -308,7 +308,7 @@ def _sized(closed: Mesh, scale: float) -> Mesh:
 
 
 def _length(closed: Mesh) -> float:
-    """Return twice the way from the center of mass to the farthest end."""
+    """Return twice the longest way from the center of mass along an axis."""
     return 2.0 * float(np.abs(closed.vertices).max())
 
 

@@ -273,7 +273,10 @@ def sized(solid: Solid, rng: np.random.Generator) -> Mesh:
     sides = np.sort(rng.uniform(*BUILD.sides, size=3))[::-1]
     mesh = in_body_frame(Mesh(mesh.vertices * (sides / mesh.extents), mesh.faces))
     factor = soundness.grip_scale(mesh, rng.uniform(*BUILD.width))
-    mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
+    try:
+        mesh = Mesh(quantized(mesh.vertices * factor), mesh.faces)
+    except ValueError as error:
+        raise UnsoundError(Reason.SIZE, str(error)) from error
     soundness.check_mesh(mesh)
     return mesh
 

@@ -46,6 +46,8 @@ def test_ordinary_meshes_are_accepted_and_what_is_not_promised_is_said(mine):
     assert done.code == 1
     assert "6 accepted, 1 refused" in done.out
     assert "--scale FILE=X" in done.err
+    both = ("--output", "fitted", "--fit", "--scale", 0.001)
+    run("shapes", "import", "meshes", *both, directory=folder).refused(2, "leave --scale out")
     assert re.search(r"wedge.stl: .*0.1 mm, not 10 to 125 mm.; accepted with --scale 1\b", done.out)
     assert re.search("ball.stl: .*fewer than two stable poses", done.out)
     assert re.search("ring.stl: .*8 of 8 grips fail", done.out)

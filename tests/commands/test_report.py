@@ -34,6 +34,8 @@ def test_a_part_of_a_run_does_not_replace_its_page(copy, tmp_path):
     done = succeed("report", copy, "--metrics", "success", directory=tmp_path)
     assert (copy / "report.html").read_bytes() == before
     assert "reports/comparison/" in done.err
+    onto = ("report", copy, "--metrics", "success", "--output", copy)
+    run(*onto, directory=tmp_path).refused(6, "contains a run")
 
 
 def test_runs_are_called_what_the_user_says(scripted, copy, tmp_path):
@@ -56,5 +58,6 @@ def test_table_4_is_printed_in_each_format_and_nothing_is_written(scripted, tmp_
     assert words in done.out
     assert "pushing" in done.out.lower()
     assert "touched" in done.out.lower()
-    run("report", scripted[1], "--format", form, "--output", "out", directory=tmp_path).refused(2)
+    for unused in (("--output", "out"), ("--diagnostics",)):
+        run("report", scripted[1], "--format", form, *unused, directory=tmp_path).refused(2)
     assert not [*tmp_path.iterdir()]

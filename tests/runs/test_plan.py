@@ -11,7 +11,7 @@ from minitouch_bench.perturbation import Perturbation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.limits import PolicyLimits
 from minitouch_bench.protocol.minitouch import GOAL_TASKS, PROTOCOL, TASK_NAMES
-from minitouch_bench.runs.plan import make_plan
+from minitouch_bench.runs.plan import PlannedObjects, make_plan
 from minitouch_bench.runs.run import make_header
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
 from tests.shapegen.conftest import subset
@@ -156,6 +156,8 @@ def test_shapes_of_this_package_keep_their_split():
     assert plan.load_objects() is None
     assert plan.changes_in_words() == ("objects shape-0003, shape-0001",)
     assert plan.objects.are_listed
+    alone = PlannedObjects("mug", ("mug",), "sets/mug", "ab" * 32)
+    assert not alone.are_listed  # the set is called as its only shape
     assert replace(plan, tasks=("opening",)).mistake() == "opening has no object to choose"
     with pytest.raises(UsageError, match="opening has no object"):
         make_plan("table4", ["opening"], objects="cube")

@@ -2,12 +2,15 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from minitouch_bench.errors import RunDirectoryError
 from minitouch_bench.shapegen import generate as generating
+from minitouch_bench.shapegen.families import FAMILIES
 from minitouch_bench.shapegen.generate import PARTIAL, generate
 from minitouch_bench.shapegen.manifest import canonical_shape_set, load_shape_set
+from minitouch_bench.shapegen.soundness import Reason, UnsoundError
 from tests.shapegen.conftest import entry_of
 
 
@@ -20,6 +23,14 @@ def _instant(monkeypatch):
         return ((i, (entry_of(n), shapes[n].record())) for i, (_, n) in enumerate(tasks))
 
     monkeypatch.setattr(generating, "run_in_workers", answer)
+
+
+def test_a_shape_that_is_too_long_for_its_record_is_another_draw(monkeypatch):
+    monkeypatch.setattr(generating.soundness, "grip_scale", lambda *_: 3.0)
+    rng = np.random.default_rng(0)
+    with pytest.raises(UnsoundError, match="65 mm") as refused:
+        generating.sized(FAMILIES["lathed"](rng), rng)
+    assert refused.value.reason is Reason.SIZE
 
 
 @pytest.mark.usefixtures("_instant")

@@ -3,7 +3,14 @@
 import pandas as pd
 import pytest
 
-from experiments.analysis import STUDIES, analyze, read_rows, stored_studies, write_results
+from experiments.analysis import (
+    STUDIES,
+    analyze,
+    changes_of,
+    read_rows,
+    stored_studies,
+    write_results,
+)
 from experiments.grid import FILES, KEY, check_lock, read_design
 from experiments.touch import analysis as touch
 from tests.altered import ROOT
@@ -40,6 +47,16 @@ def test_the_page_about_touch_follows_from_the_stored_rows():
     results = touch.analyze_touch(design, stored)
     assert results.page == (stored / "touch.md").read_text(), "python -m experiments.touch.analysis"
     assert results.judged.to_csv(index=False) == (stored / "pooled.csv").read_text()
+
+
+def test_a_change_is_of_the_episodes_that_both_conditions_have(tmp_path):
+    rows = read_rows(STUDIES / "touch", "episodes")
+    played = changes_of(rows)
+    fewer = rows[(rows["conditions"] != "") | (rows["index"] < 10)]
+    assert {*changes_of(fewer)["episodes"]} == {10} < {*played["episodes"]} | {10}
+    assert changes_of(rows[rows["conditions"] != ""]).empty
+    with pytest.raises(SystemExit, match="no training is finished"):
+        read_rows(tmp_path, "curves")
 
 
 @pytest.mark.parametrize("study", ["touch", "light"])

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 
 import pandas as pd
 import pytest
@@ -15,9 +17,12 @@ import pytest
 import minitouch_bench as mt
 from experiments.grid import (
     FILES,
+    Cell,
+    add_rows,
     cells_of,
     evaluations_of,
     finish_cell,
+    finished_cells,
     read_design,
     run_grid,
 )
@@ -84,6 +89,19 @@ def design(tmp_path):
     file = tmp_path / "small.toml"
     file.write_text(DESIGN)
     return file
+
+
+def test_several_grids_add_their_rows_at_a_time(tmp_path):
+    cells = [Cell("opening", "hac", seed, 10) for seed in range(40)]
+
+    def add(cell):
+        add_rows(tmp_path, cell, {"curves": pd.DataFrame([asdict(cell)] * 50),
+                                  "trainings": pd.DataFrame([asdict(cell)])})  # fmt: skip
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(add, cells))
+    assert finished_cells(tmp_path / "curves.csv") == {*cells}
+    assert len(pd.read_csv(tmp_path / "trainings.csv")) == len(cells)
 
 
 def test_cells_and_their_runs(design):

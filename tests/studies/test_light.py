@@ -84,6 +84,11 @@ def test_a_study_is_judged_only_with_all_trainings_whole_and_of_one_exploration(
     write_rows(tmp_path, KNOWN)
     design, file = read_design(DESIGN), tmp_path / "trainings.csv"
     whole = pd.read_csv(file)
+    curves = pd.read_csv(tmp_path / "curves.csv")
+    curves[curves["training_seed"] > 50].to_csv(tmp_path / "curves.csv", index=False)
+    with pytest.raises(SystemExit, match=r"curves.csv lacks 4 of 56 trainings"):
+        analyze_light(design, tmp_path)
+    curves.to_csv(tmp_path / "curves.csv", index=False)
     whole.iloc[1:].to_csv(file, index=False)
     with pytest.raises(SystemExit, match="lacks 1 of 56 trainings"):
         analyze_light(design, tmp_path)

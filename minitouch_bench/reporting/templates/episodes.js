@@ -51,9 +51,9 @@
     for (const other of body.querySelectorAll("[aria-current]")) other.removeAttribute("aria-current");
     row.setAttribute("aria-current", "true");
     copy.disabled = false;
-    const { policy } = run();
-    command.textContent = policy
-      ? `minitouch-bench evaluate ${quoted(policy)} --episodes-from ${key} --replays 1`
+    const { evaluate } = run();
+    command.textContent = evaluate
+      ? `${evaluate} --episodes-from ${key} --replays 1`
       : `minitouch-bench replay ${quoted(path())} ${key}`;
   };
   const draw = () => {
