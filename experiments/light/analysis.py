@@ -316,7 +316,7 @@ def draw_curves(design: Mapping[str, Any], directory: Path) -> None:
             axes.fill_between(at, low, high, color=color, alpha=0.15, linewidth=0)
         axes.axvline(EARLY, color="gray", linewidth=0.8)
         axes.set(ylim=SHARE, xlabel="Control steps of the task phase", ylabel="Success in training")
-        axes.legend(loc="lower right")
+        figure.legend(loc="outside right center")
         file = directory / "figures" / "senses.svg"
         file.parent.mkdir(exist_ok=True)
         figure.savefig(file, metadata={"Date": None, "Creator": None})

@@ -30,6 +30,8 @@ from experiments.analysis import (
 )
 from experiments.figures import COLORS, SAME_BYTES
 from experiments.grid import check_complete, check_lock, read_design
+from experiments.light import analysis as light
+from experiments.senses import draw_worth, worth_lines, worth_of
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.metrics.intervals import OVER_SEEDS
 from minitouch_bench.metrics.statistics import ALPHA, POWER, holm
@@ -310,49 +312,62 @@ def values_of(design: Mapping[str, Any], directory: Path) -> Values:
 
 @dataclass(frozen=True)
 class TouchResults:
-    """What the study shows: its page in Markdown, the judged claims, the touch numbers."""
+    """What the study shows: its page in Markdown, the judged claims, the touch numbers.
+
+    ``worth`` is the success with and without each sense, of the study of light as well.
+    """
 
     page: str
     judged: pd.DataFrame
     numbers: pd.DataFrame
+    worth: pd.DataFrame
 
 
 def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
-    """Make the results of the study from its stored rows."""
+    """Make the results of the study from its stored rows and those of the study of light."""
     values = values_of(design, directory)
     judged = judge_pooled(design["pooled"], values).round(12)
     numbers = touch_numbers(design["touch_number"], values).round(12)
     episodes = read_rows(directory, "episodes")
     changes = join_seeds(changes_of(episodes))
-    lines = ["# What is touch for?", "", answer(design, judged, changes), "", *VARIANTS, ""]
-    learned = _learned_note(learned_seeds(read_rows(directory, "estimates")))
-    lines += [*_claim_lines(design, judged, learned), *_number_lines(design, numbers), ""]
+    estimates, of_light = read_rows(directory, "estimates"), read_design(light.DESIGN)
+    in_dark = light.judge_paired(of_light["paired"], light.values_of(of_light, light.DESIGN.parent))
+    worth = worth_of(join_seeds(estimates), light.success_over_seeds(light.DESIGN.parent))
+    lines = ["# What is touch for?", "", answer(design, judged, of_light, in_dark), ""]
+    lines += [*worth_lines(worth), "", "## The study of touch", "", *VARIANTS, ""]
+    lines += _claim_lines(design, judged, _learned_note(learned_seeds(estimates)))
+    lines += [*_number_lines(design, numbers), ""]
     lines += _reliance_lines(design, episodes, changes)
-    return TouchResults("\n".join(lines) + "\n", judged, numbers)
+    return TouchResults("\n".join(lines) + "\n", judged, numbers, worth)
 
 
-def answer(design: Mapping[str, Any], judged: pd.DataFrame, changes: pd.DataFrame) -> str:
-    """Return what the study found, in three sentences that can be repeated.
+def answer(
+    design: Mapping[str, Any],
+    judged: pd.DataFrame,
+    of_light: Mapping[str, Any],
+    in_dark: pd.DataFrame,
+) -> str:
+    """Return what both studies found, in three sentences that can be repeated.
 
     Args:
-        design: The locked design.
+        design: The locked design of the study of touch.
         judged: What ``judge_pooled`` returns.
-        changes: The estimates over seeds of what other forces change in finished policies.
+        of_light: The locked design of the study of light.
+        in_dark: What its ``judge_paired`` returns; the first claim is that of the dark.
     """
     learned, felt = (_success_claim(design, judged, "hac", one) for one in ("rnd", "hac-no-forces"))
-    frozen = changes[(changes["method"] == "hac") & (changes["conditions"] == FROZEN)]
-    falls = {row.task: f"{-row.value:.3f}" for row in frozen.itertuples()}
+    blind = next(in_dark.itertuples())
     return (
-        "1. **HaC, with its curiosity about forces, succeeds more in Pushing and Pick-up than RND, "
-        f"with its curiosity about images**: mean success {learned.better_mean:.3f} and "
-        f"{learned.worse_mean:.3f} ({len(design['seeds'])} training seeds each, p "
-        f"{_p_text(learned.p, '= ')}).\n"
-        "2. **Feeling the forces while acting was not shown to help**: policies that feel them "
-        f"succeed in {felt.better_mean:.3f} of the episodes, policies that do not in "
-        f"{felt.worse_mean:.3f} (p {_p_text(felt.p, '= ')}).\n"
-        "3. **HaC's finished policies fail more often when their forces are frozen**: success "
-        f"falls by {falls['pushing']} in Pushing and {falls['pick-up']} in "
-        "Pick-up."
+        "1. **In the dark, a policy that feels forces opens the door more often than one that does "
+        f"not**: success {blind.better_mean:.3f} and {blind.worse_mean:.3f} "
+        f"({len(of_light['seeds'])} training seeds, p {_p_text(blind.p, '= ')}).\n"
+        "2. **In the light, feeling forces was not shown to help in Pushing and Pick-up**: success "
+        f"{felt.better_mean:.3f} with forces and {felt.worse_mean:.3f} without "
+        f"({len(design['seeds'])} training seeds, p {_p_text(felt.p, '= ')}).\n"
+        "3. **HaC, with its curiosity about forces, succeeds more in Pushing and Pick-up than RND, "
+        f"with its curiosity about images**: success {learned.better_mean:.3f} and "
+        f"{learned.worse_mean:.3f} ({len(design['seeds'])} training seeds, p "
+        f"{_p_text(learned.p, '= ')})."
     )
 
 
@@ -428,6 +443,8 @@ def _reliance_lines(
 ) -> list[str]:
     """Return the table of what other forces than those felt change in finished policies."""
     played, count = [*dict.fromkeys(joined["conditions"])], design["reliance"]["episodes"]
+    frozen = joined[(joined["method"] == "hac") & (joined["conditions"] == FROZEN)]
+    falls = {row.task: f"{-row.value:.3f}" for row in frozen.itertuples()}
     unchanged = episodes[(episodes["suite"] == "table4") & (episodes["conditions"] == "")]
     unchanged = unchanged[(unchanged["role"] == "final") & (unchanged["index"] < count)]
     success = unchanged.groupby(["task", "method"])["success"].mean()
@@ -448,6 +465,9 @@ def _reliance_lines(
     notes = [RELIANCE_NOTE, CONDITIONS_NOTE, *silent_note(episodes)]
     return [
         "## What finished policies rely on",
+        "",
+        "HaC's finished policies fail more often when their forces are frozen: success falls by "
+        f"{falls['pushing']} in Pushing and {falls['pick-up']} in Pick-up.",
         "",
         f"Success in the first {count} official episodes, and what other forces change of it:",
         *table_lines(["Task", "Variant", "Seeds", "no change", *played], rows, 2),
@@ -485,6 +505,7 @@ def main() -> None:
     (directory / "touch.md").write_text(results.page, encoding="utf-8")
     results.judged.to_csv(directory / "pooled.csv", index=False)
     draw_numbers(results.numbers, directory / "figures" / "touch-number.svg")
+    draw_worth(results.worth, directory / "figures" / "senses.svg")
 
 
 if __name__ == "__main__":

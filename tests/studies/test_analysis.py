@@ -12,6 +12,7 @@ from experiments.analysis import (
     write_results,
 )
 from experiments.grid import FILES, KEY, check_lock, read_design
+from experiments.light import analysis as light
 from experiments.touch import analysis as touch
 from tests.altered import ROOT
 
@@ -57,6 +58,14 @@ def test_a_change_is_of_the_episodes_that_both_conditions_have(tmp_path):
     assert changes_of(rows[rows["conditions"] != ""]).empty
     with pytest.raises(SystemExit, match="no training is finished"):
         read_rows(tmp_path, "curves")
+
+
+def test_the_page_about_light_follows_from_the_stored_rows():
+    stored, design = STUDIES / "light", read_design(light.DESIGN)
+    check_lock(design, stored)
+    results = light.analyze_light(design, stored)
+    assert results.page == (stored / "light.md").read_text(), "python -m experiments.light.analysis"
+    assert results.judged.to_csv(index=False) == (stored / "paired.csv").read_text()
 
 
 @pytest.mark.parametrize("study", ["touch", "light"])

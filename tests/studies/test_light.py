@@ -115,7 +115,13 @@ def test_what_each_sense_is_worth_has_both_studies(tmp_path):
     assert by_policy["Opening, light off", "feels"] == pytest.approx(0.8, abs=0.03)
     assert by_policy["Pick-up, light on", "sees"] == 0.5
     assert len(by_policy) == 10
-    assert sum("0.500 [" in line for line in worth_lines(worth)) == 2
+    lines = worth_lines(worth)
+    assert sum("0.500 [" in line for line in lines) == 2
+    assert sum("| 8 |" in line for line in lines) == 2
+    assert any("Without forces: nothing is solved. Without" in line for line in lines)
+    worth = worth.assign(value=worth["value"] + 0.31)
+    solved = "Without forces: Opening, light on is solved."
+    assert any(solved in line for line in worth_lines(worth))
     draw_worth(worth, tmp_path / "senses.svg")
     assert "Pushing, light on" in (tmp_path / "senses.svg").read_text()
 

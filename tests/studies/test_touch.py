@@ -8,6 +8,7 @@ import pytest
 
 from experiments.analysis import changes_of, join_seeds, read_rows
 from experiments.grid import KEY, check_lock, read_design
+from experiments.light import analysis as light
 from experiments.touch.analysis import (
     DESIGN,
     FROZEN,
@@ -131,27 +132,26 @@ def test_the_answer_has_the_means_and_p_of_its_claims():
     claims = [{"better": one, "worse": other, "measure": MEASURE} for one, other in pairs]
     means = {"hac": 0.8, "hac-no-forces": 0.79, "rnd-touch": 0.3, "rnd": 0.2}
     judged = judge_pooled(claims, known(**means))
-    changes = pd.DataFrame(
-        [("hac", task, FROZEN, value) for task, value in (("pushing", -0.25), ("pick-up", -0.5))]
-        + [("rnd", task, FROZEN, 0.0) for task in MEASURE],
-        columns=["method", "task", "conditions", "value"],
-    )
-    said = answer({"pooled": claims, "seeds": range(8)}, judged, changes).splitlines()
+    in_dark = pd.DataFrame({"better_mean": [0.9, 0.1], "worse_mean": [0.25, 0.2], "p": [0.02, 1]})
+    design = {"pooled": claims, "seeds": range(8)}
+    said = answer(design, judged, {"seeds": range(14)}, in_dark).splitlines()
+    assert "success 0.900 and 0.250 (14 training seeds, p = 0.0200)" in said[0]
     of_claim = judged[judged["task"] == ""].set_index("claim")
-    for line, claim in zip(said, (2, 3), strict=False):
+    for line, claim in zip(said[1:], (3, 2), strict=True):
         for mean in of_claim.loc[claim, ["better_mean", "worse_mean"]]:
             assert f"{mean:.3f}" in line
-    assert f"(p = {of_claim.loc[3, 'p']:.4f})" in said[1]
-    assert "falls by 0.250 in Pushing and 0.500 in Pick-up" in said[2]
+    assert f"(8 training seeds, p = {of_claim.loc[3, 'p']:.4f})" in said[1]
 
 
 def test_the_sentences_of_the_page_are_what_was_decided():
-    """They are fixed words about the claims 2 and 7, and about a fall in both tasks."""
+    """They are fixed words about the claims 2 and 7, one on light, and a fall in both tasks."""
     judged = pd.read_csv(DESIGN.with_name("pooled.csv"), keep_default_na=False).set_index(
         ["claim", "task"]
     )
     assert judged.loc[(2, ""), "verdict"] == "confirmed"
     assert judged.loc[(7, ""), "verdict"] == "not decided"
+    in_dark = pd.read_csv(light.DESIGN.with_name("paired.csv"))
+    assert in_dark["verdict"].iloc[0] == "confirmed"
     changes = join_seeds(changes_of(read_rows(DESIGN.parent, "episodes")))
     frozen = changes[(changes["method"] == "hac") & (changes["conditions"] == FROZEN)]
     assert (frozen["high"] < 0).all()
