@@ -8,7 +8,9 @@ from itertools import product
 import pytest
 from typer.main import get_command
 
-from experiments.analysis import STUDIES, join_seeds, learned_seeds, read_rows
+from experiments.analysis import ABSENT, STUDIES, join_seeds, learned_seeds, read_rows
+from experiments.light.analysis import success_over_seeds
+from experiments.senses import POLICIES
 from minitouch_bench.commands.app import app
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
@@ -35,7 +37,6 @@ def test_the_user_pages_stay_short():
 
 
 @pytest.mark.parametrize(("study", "page", "with_playing"), [
-    ("touch", "docs/results/reproduction.md", False),
     ("methods", "docs/results/reproduction.md", True),
     ("methods", "README.md", False),
 ])  # fmt: skip
@@ -54,6 +55,18 @@ def test_the_tables_of_results_follow_from_the_stored_rows(study, page, with_pla
             cells.append(estimate(touch_share.loc[method, "playing"]))
         line = f"| {METHODS[method]} | {' | '.join(cells)} |"
         assert line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+
+
+def test_the_pages_have_what_the_study_of_light_found():
+    joined = success_over_seeds(STUDIES / "light").set_index(["suite", "method"])
+    page = (ROOT / "docs/results/reproduction.md").read_text(encoding="utf-8")
+    for suite, name in (("table4", "light on"), ("dark", "light off")):
+        of_suite = [one for one in POLICIES if (suite, one) in joined.index]
+        cells = [estimate(joined.loc[(suite, one)]) for one in of_suite]
+        assert f"| {' | '.join([name, *[ABSENT] * (4 - len(cells)), *cells])} |" in page
+    line = (STUDIES / "touch" / "touch.md").read_text(encoding="utf-8").splitlines()[2]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert line.removeprefix("1. ").replace("**", "") in " ".join(readme.split())
 
 
 def test_the_board_has_the_values_of_the_study_of_every_method():

@@ -118,9 +118,9 @@ def test_what_each_sense_is_worth_has_both_studies(tmp_path):
     lines = worth_lines(worth)
     assert sum("0.500 [" in line for line in lines) == 2
     assert sum("| 8 |" in line for line in lines) == 2
-    assert any("Without forces: nothing is solved. Without" in line for line in lines)
+    assert any("Without forces: none. Without" in line for line in lines)
     worth = worth.assign(value=worth["value"] + 0.31)
-    solved = "Without forces: Opening, light on is solved."
+    solved = "Without forces: Opening, light on."
     assert any(solved in line for line in worth_lines(worth))
     draw_worth(worth, tmp_path / "senses.svg")
     assert "Pushing, light on" in (tmp_path / "senses.svg").read_text()
