@@ -185,7 +185,7 @@ def _unknown_keys(table: Any, known: Any, path: str) -> Iterator[str]:
                 names = ", ".join(known)
                 yield f"{path}: no key {key!a}; it has {names}".removeprefix(": ")
     elif isinstance(table, list):
-        for index, pair in enumerate(zip(table, known, strict=False)):  # it may lack repetitions
+        for index, pair in enumerate(zip(table, known, strict=False)):  # known lacks repetitions
             yield from _unknown_keys(*pair, f"{path}[{index}]")
 
 
@@ -240,8 +240,9 @@ def checked(function: Function) -> Function:
                 what = f"expected {_type_name(kind)}, got {_type_name(type(value), value)}"
                 raise UsageError(f"{name}: {argument}: {what}")
             if isinstance(value, str | PathLike) and PathLike[str] in get_args(kind):
-                home = os.path.expanduser(value)  # a path stays a path: a text may be a word
-                value = home if isinstance(value, str) else Path(home)
+                expanded = os.path.expanduser(value)
+                # A path stays a path: a text may be a word.
+                value = expanded if isinstance(value, str) else Path(expanded)
             bound.arguments[argument] = value
         return function(*bound.args, **bound.kwargs)
 

@@ -112,7 +112,7 @@ def check(name: str, clone: Path) -> tuple[str, str]:
 
 
 def play(name: str, clone: Path, stop_after: str) -> int:
-    """Play a row, or go on with it, unless it was played elsewhere since, with other draws."""
+    """Go on with the row in ``played/``; with the committed one, if that has draws of its own."""
     before, row = (clone / place / name for place in ("reports/results", "played"))
     known = draws(row, "draws") + draws(row, "retired")
     if any(draw not in known for draw in draws(before, "draws")):

@@ -331,7 +331,8 @@ def analyze_touch(design: Mapping[str, Any], directory: Path) -> TouchResults:
     episodes = read_rows(directory, "episodes")
     changes = join_seeds(changes_of(episodes))
     estimates, of_light = read_rows(directory, "estimates"), read_design(light.DESIGN)
-    in_dark = light.judge_paired(of_light["paired"], light.values_of(of_light, light.DESIGN.parent))
+    check_lock(of_light, light.DESIGN.parent)
+    in_dark = light.analyze_light(of_light, light.DESIGN.parent).judged
     worth = worth_of(join_seeds(estimates), light.success_over_seeds(light.DESIGN.parent))
     lines = ["# What is touch for?", "", answer(design, judged, of_light, in_dark), ""]
     lines += [*worth_lines(worth), "", "## The study of touch", "", *VARIANTS, ""]
@@ -353,7 +354,7 @@ def answer(
         design: The locked design of the study of touch.
         judged: What ``judge_pooled`` returns.
         of_light: The locked design of the study of light.
-        in_dark: What its ``judge_paired`` returns; the first claim is that of the dark.
+        in_dark: The judged claims of the study of light; the first claim is that of the dark.
     """
     learned, felt = (_success_claim(design, judged, "hac", one) for one in ("rnd", "hac-no-forces"))
     blind = next(in_dark.itertuples())

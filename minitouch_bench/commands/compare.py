@@ -32,7 +32,6 @@ def compare(
     """
     from minitouch_bench import api
     from minitouch_bench.comparison.comparison import WrittenComparison
-    from minitouch_bench.reporting import tables
 
     if html is not None and html.suffix != ".html":
         raise UsageError(f"--html is an .html file, not '{html.name}'")
@@ -47,7 +46,7 @@ def compare(
     if as_json:
         print(found.to_json(), end="")
     else:
-        tables.show(found.blocks(), data_console())
+        found.show(data_console())
     if output is not None:
         note(f"comparison: {output / 'comparison.md'}")
     if html is not None:

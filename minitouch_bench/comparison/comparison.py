@@ -12,6 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from rich.console import Console
+
 from minitouch_bench.comparison import pairing
 from minitouch_bench.comparison.pairing import ComparedRun, Effect, OutcomeChange
 from minitouch_bench.episode import Role, role_of
@@ -96,23 +98,27 @@ class WrittenComparison(ABC):
     """The first keys of the JSON document."""
 
     @abstractmethod
-    def blocks(self, changes: int = SHOWN_CHANGES) -> Iterator[tables.Block]:
-        """Yield all of it, with so many changed episodes of each pair."""
+    def _blocks(self, changes: int) -> Iterator[tables.Block]:
+        """Yield the whole comparison, with so many changed episodes of each pair."""
 
     def __str__(self) -> str:
-        return tables.as_text(self.blocks())
+        return tables.as_text(self._blocks(SHOWN_CHANGES))
 
     def _repr_markdown_(self) -> str:
-        return "\n".join(tables.as_markdown(self.blocks()))
+        return "\n".join(tables.as_markdown(self._blocks(SHOWN_CHANGES)))
+
+    def show(self, console: Console) -> None:
+        """Print the comparison as wide as the console is."""
+        tables.show(self._blocks(SHOWN_CHANGES), console)
 
     def to_json(self) -> str:
-        """Write it as JSON; the keys are its fields."""
+        """Return the comparison as JSON; the keys are its fields."""
         return json_text({**self.mark, **asdict(self)})  # type: ignore[call-overload]
 
     def write(self, folder: Path) -> None:
         """Write comparison.json, and comparison.md with every changed episode."""
         write_file(folder / "comparison.json", self.to_json())
-        page = [f"# {self.heading}", "", *tables.as_markdown(self.blocks(MAX_EPISODES))]
+        page = [f"# {self.heading}", "", *tables.as_markdown(self._blocks(MAX_EPISODES))]
         write_file(folder / "comparison.md", "\n".join(page) + "\n")
 
 
@@ -151,8 +157,7 @@ class Comparison(WrittenComparison):
         changed = sum(len(pair.changes) for pair in self.pairs)
         return f"<Comparison of {names}: {changed} changed outcomes>"
 
-    def blocks(self, changes: int = SHOWN_CHANGES) -> Iterator[tables.Block]:
-        """Yield all of it, with so many changed episodes of each pair."""
+    def _blocks(self, changes: int) -> Iterator[tables.Block]:
         yield from map(run_line, self.runs)
         for pair in self.pairs:
             yield tables.Heading(f"{pair.second} against {pair.first}")

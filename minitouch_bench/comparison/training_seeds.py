@@ -274,8 +274,7 @@ class MethodComparison(comparison.WrittenComparison):
     def __repr__(self) -> str:
         return f"<MethodComparison: {answer_line(self)}>"
 
-    def blocks(self, changes: int = 0) -> Iterator[tables.Block]:
-        """Yield all of it; the last line is the answer."""
+    def _blocks(self, changes: int) -> Iterator[tables.Block]:
         yield from map(comparison.run_line, self.methods)
         yield from (f"{note}." for note in self.notes)
         yield ""

@@ -6,9 +6,9 @@ import re
 import pytest
 from rich.console import Console
 
-from minitouch_bench.comparison.comparison import compare_runs
+from minitouch_bench.comparison.comparison import Comparison, compare_runs
 from minitouch_bench.reporting.report import build_report, escape_tex, show_report
-from minitouch_bench.reporting.tables import escape_md, rows_csv, show
+from minitouch_bench.reporting.tables import escape_md, rows_csv
 from minitouch_bench.text import printable
 from tests.reporting.synthetic import make_run, save
 
@@ -34,7 +34,7 @@ def numbers(lines):
 @pytest.mark.parametrize("width", [30, 41, 55, 80, 81, 100, 141])
 def test_a_narrow_screen_has_every_number_that_a_wide_one_has(width, runs):
     report, comparison = build_report(runs), compare_runs(runs[:2], ("a", "b"))
-    shown = ((show_report, report), (show, [*comparison.blocks()]))
+    shown = ((show_report, report), (Comparison.show, comparison))
     for show_it, what in shown:
         wide, narrow = (on_screen(columns, show_it, what) for columns in (1000, width))
         tables = [line for line in narrow if not line.startswith(("A: ", "B: "))]
