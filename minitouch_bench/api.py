@@ -187,7 +187,7 @@ def export(module: object, path: StrPath, task: str) -> Export:
     """Export a torch module on (image, touch) as a .pt2 file that acts like it.
 
     Module and file play an episode of the task side by side; ``print`` what is returned. The file
-    is written only if all their actions are the same. The module is exported as it evaluates
+    is written only if their actions differ by at most 1e-5. The module is exported as it evaluates
     (``eval()``), on the CPU.
 
     Raises:

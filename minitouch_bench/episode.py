@@ -56,7 +56,7 @@ def task_of(key: str) -> str:
     return key.split("/")[-2]
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class EpisodeSpec:
     """An episode before it is played, and so without an outcome: all that fixes it but the policy.
 
@@ -216,7 +216,7 @@ IN_MEMORY = "in memory"
 
 @dataclass(frozen=True)
 class PolicyIdentity:
-    """What was evaluated. ``digest`` is the SHA-256 of the file's bytes, "" for a built-in.
+    """What was evaluated. ``digest``: see ``PolicySource``.
 
     ``notes`` are labels every table shows, such as "remote" or "reads the simulator".
     """

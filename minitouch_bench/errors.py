@@ -19,7 +19,7 @@
     ├── CheckpointChangedError      5   a policy's file changed after the evaluation began
     ├── IncompleteCheckError        5   a check could not be made: no checkpoint, or no time left
     ├── OutOfMemoryError            5   a policy's process was killed while it used much memory
-    ├── HopelessRunError            5   its first episodes are all policy faults
+    ├── HopelessRunError            5   only policy faults at first, or it takes too long
     ├── InterruptedRunError       130   Ctrl-C or SIGTERM
     └── RunDirectoryError           6   locked, corrupt, or of another run
         └── UnreadableFileError         a file of it cannot be read as one
@@ -124,7 +124,10 @@ class OutOfMemoryError(MiniTouchError):
 
 
 class HopelessRunError(MiniTouchError):
-    """The first episodes of a run are all policy faults; it can be resumed all the same."""
+    """The first episodes of a run are all policy faults, or it would take too long.
+
+    It can be resumed all the same.
+    """
 
     exit_code = 5
 

@@ -3,6 +3,7 @@
 import importlib
 import os
 import platform
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
@@ -120,9 +121,9 @@ def extras() -> dict[str, list[str]]:
     """Return the requirements of each extra; they work wherever this package came from."""
     requirements: dict[str, list[str]] = {}
     for line in requires("minitouch-bench") or ():
-        requirement, _, extra = line.partition("; extra == ")
-        if extra:
-            requirements.setdefault(extra.strip('"'), []).append(requirement)
+        requirement, _, marker = line.partition("; ")
+        if extra := re.search("extra == ['\"](.+?)['\"]", marker):
+            requirements.setdefault(extra[1], []).append(requirement)
     return requirements
 
 

@@ -90,11 +90,9 @@ def changed(clone: Path, base: str, head: str) -> tuple[list[str], list[str]]:
 
 
 def check(name: str, clone: Path) -> tuple[str, str]:
-    """Check a copy of one submission beside this environment's own, and play a few episodes."""
+    """Check a copy of one submission with this environment's program, and play a few episodes."""
     with tempfile.TemporaryDirectory() as folder:
         submissions = Path(folder) / "submissions"
-        shutil.copytree(ROOT / "submissions", submissions, symlinks=True)
-        shutil.rmtree(submissions / name, ignore_errors=True)
         shutil.copytree(clone / "submissions" / name, submissions / name, symlinks=True)
         code, text = run((*COMMAND, "leaderboard", "check", name), Path(folder))
         if code == 0:

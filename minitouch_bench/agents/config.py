@@ -81,6 +81,11 @@ class PhaseConfig:
         # In one order, so that equal settings are equal however they are written.
         object.__setattr__(self, "without", tuple(one for one in SENSES if one in self.without))
 
+    @property
+    def learns_keypoints(self) -> bool:
+        """Whether keypoints are learned at the beginning."""
+        return self.keypoint_updates > 0 and "vision" not in self.without
+
     def prior_weight_at(self, step: int) -> float:
         """Return the weight of the prior after ``step`` control steps of the phase."""
         return self.prior_weight * max(0.0, 1.0 - step / max(1, self.prior_steps))

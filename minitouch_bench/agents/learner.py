@@ -140,7 +140,7 @@ class Learner:
             return image.to(self.device), self.scale.scaled(touch.to(self.device))
 
         keypoints = self._begin_keypoints(explored=explored)
-        if not self._is_blind:
+        if self.phase.learns_keypoints:
             keypoints.learn(draw, self.phase.keypoint_updates)
         for _ in range(self.phase.fitting_updates):
             self.update(memory, 0, fitting=True)

@@ -257,9 +257,10 @@ class Training:
         if self._learner.exploring:
             save_native(self._learner.actor(), self._directory / EXPLORED_FILE)
         if phase.keypoint_updates:
+            keypoints = f"{phase.keypoint_updates:,} gradient steps of keypoints, "
             self._callbacks.note(
-                f"new networks for the task: {phase.keypoint_updates:,} gradient steps of "
-                f"keypoints, {phase.fitting_updates:,} of actor and critics"
+                f"new networks for the task: {keypoints if phase.learns_keypoints else ''}"
+                f"{phase.fitting_updates:,} gradient steps of actor and critics"
             )
         self._learner.begin_task_phase(self._memory)
         if from_dataset:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-COMPARISON_VERSION = 4
+COMPARISON_VERSION = 5
 """Of the JSON document."""
 
 SMALLEST_P = 0.0001
@@ -55,22 +55,17 @@ SHOWN_CHANGES, LISTED_CHANGES = 20, 10
 
 @dataclass(frozen=True)
 class MetricVerdict:
-    """What a metric of a task shows: ``p_adjusted`` is over all rows of the metric."""
+    """What a metric of a task shows: ``p_adjusted`` is over all rows of the metric.
+
+    ``needed``: episodes of each task, or training seeds of each method, that would show the
+    difference if it is as observed; None for no difference or too many, and where enough seeds
+    are there.
+    """
 
     effect: Effect
     p_adjusted: float
     verdict: str
-
-
-@dataclass(frozen=True)
-class ComparedMetric(MetricVerdict):
-    """One metric of one task in two runs, and what it shows.
-
-    ``p_adjusted`` is over the tasks and runs of the metric. ``episodes_to_resolve``, of each
-    task, would show the difference if it is as observed; None for no difference or too many.
-    """
-
-    episodes_to_resolve: int | None
+    needed: int | None
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,7 @@ class RunPair:
     first: str
     second: str
     identical: bool
-    metrics: tuple[ComparedMetric, ...]
+    metrics: tuple[MetricVerdict, ...]
     changes: tuple[OutcomeChange, ...]
     notes: tuple[str, ...]
 
@@ -196,12 +191,12 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
             p_adjusted = next(adjusted)
             verdict = effect_in_words(effect, p_adjusted, (first.title, other.title))
             episodes = pairing.episodes_needed(of_metric, ALPHA)
-            metrics.append(ComparedMetric(effect, p_adjusted, verdict, episodes))
+            metrics.append(MetricVerdict(effect, p_adjusted, verdict, episodes))
         compared.append(
             RunPair(
                 first=first.title,
                 second=other.title,
-                identical=pairing.are_identical(shared, pairs),
+                identical=shared[0].digest == shared[1].digest,
                 metrics=tuple(metrics),
                 changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
                 notes=tuple(pairing.differences_of_making(runs[0], run)),
@@ -267,8 +262,7 @@ def effect_in_words(effect: Effect, p_adjusted: float, titles: tuple[str, str]) 
 
 
 def _metric_tables(pair: RunPair) -> tuple[tables.Table, ...]:
-    rows = [(metric, metric.episodes_to_resolve) for metric in pair.metrics]
-    return verdict_tables(pair.titles, rows, "Episodes to resolve")
+    return verdict_tables(pair.titles, pair.metrics, "Episodes to resolve")
 
 
 def comparison_notes() -> tuple[str, ...]:
@@ -340,20 +334,18 @@ def tables_by_metric(
 
 
 def verdict_tables(
-    titles: tuple[str, str],
-    found: Sequence[tuple[MetricVerdict, *tuple[int | None, ...]]],
-    *labels: str,
+    titles: tuple[str, str], found: Sequence[MetricVerdict], needed: str
 ) -> tuple[tables.Table, ...]:
-    """Lay out verdicts and numbers with these labels, one table per metric: tasks down."""
+    """Lay out verdicts, one table per metric: tasks down; ``needed`` heads the last column."""
     first, second = titles
     columns = tables.make_columns(
-        first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", *labels,
+        first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", needed,
         words=["Verdict"],
     )  # fmt: skip
     rows = []
-    for one, *numbers in found:
-        written = (f"{number:,}" if number else None for number in numbers)
-        cells = p_text(one.effect.p_value), p_text(one.p_adjusted), one.verdict, *written
+    for one in found:
+        number = f"{one.needed:,}" if one.needed else None
+        cells = p_text(one.effect.p_value), p_text(one.p_adjusted), one.verdict, number
         rows.append((one.effect, cells))
     return tuple(tables_by_metric(columns, rows))
 

@@ -12,7 +12,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import Path
 
 from minitouch_bench.comparison import pairing
 from minitouch_bench.comparison.pairing import (
@@ -28,10 +27,8 @@ from minitouch_bench.files import MAX_EPISODES
 from minitouch_bench.metrics.definitions import METRICS, NO_DIRECTION, ranking_metric
 from minitouch_bench.metrics.intervals import Root
 from minitouch_bench.metrics.statistics import ALPHA, FEWEST_FOR_A_MEAN, SHARE, holm
-from minitouch_bench.policies.sources import is_still
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
-from minitouch_bench.reporting.labels import reproduce_command, run_labels, tasks_in_order
-from minitouch_bench.reporting.report import view_directory
+from minitouch_bench.reporting.labels import run_labels, tasks_in_order
 from minitouch_bench.runs.run import Run, RunHeader
 from minitouch_bench.text import printable
 
@@ -180,7 +177,6 @@ class GateResult:
 
     ``identical``: every episode of both runs has the same bits. ``wall_s``: seconds that the
     candidate's runs took. ``trainings``: of each run, where there are several on each side.
-    ``obstacle``: why a longer baseline cannot be made of what is here, "" where it can.
     """
 
     suite: str
@@ -196,7 +192,6 @@ class GateResult:
     next_command: str
     wall_s: float
     trainings: tuple[TrainingValue, ...] = ()
-    obstacle: str = ""
 
     @property
     def exit_code(self) -> int:
@@ -223,13 +218,12 @@ def judge_runs(
     tasks, root = tasks_in_order((baseline,)), (baseline.plan.seed,)
     values = endpoint_values(pairs, tasks, settings)
     endpoint = judge_endpoint(values, settings, root)
-    identical = pairing.are_identical((baseline, candidate), pairs)
+    identical = baseline.digest == candidate.digest
     if identical:
         endpoint = replace(endpoint, decision=Decision.NO_REGRESSION, episodes_needed=None)
     effects = [pairing.paired_test(values, root) for values in task_values(pairs, tasks)]
     per_task = judge_tasks(effects, endpoint, settings.alpha)
     changes = pairing.find_changes(pairs, (baseline, candidate), paths)
-    obstacle = _obstacle_of(endpoint, baseline)
     named = [
         ComparedRun(title, printable(run.header.policy.name), path, run_labels(run))
         for title, run, path in zip(GATE_SIDES, (baseline, candidate), paths, strict=True)
@@ -245,9 +239,8 @@ def judge_runs(
         per_task=per_task,
         changes=changes,
         notes=notes,
-        next_command=_next_command(endpoint, changes, baseline, paths, obstacle),
+        next_command=_next_command(endpoint, changes, paths),
         wall_s=candidate.environment.wall_s,
-        obstacle=obstacle,
     )
 
 
@@ -365,33 +358,13 @@ def _needed(values: PairedValues, effect: Effect, allowed: float, level: float) 
     return per_task if per_task <= MAX_EPISODES else None
 
 
-def _obstacle_of(endpoint: Endpoint, baseline: Run) -> str:
-    """Say why a longer baseline cannot be made of what is here; "" where it can, or need not."""
-    policies = zip(Role, baseline.header.policies(), strict=False)
-    changed = [policy for role, policy in policies if not is_still(policy, role)]
-    if not changed or endpoint.episodes_needed is None:
-        return ""
-    source, digest = printable(changed[0].source), changed[0].digest
-    if not digest:
-        return f"a longer baseline needs its own policy: {source} may be another one now"
-    return (
-        f"a longer baseline needs its own policy, of SHA-256 {digest[:12]}: {source} is another "
-        "one now, or gone"
-    )
-
-
 def _next_command(
-    endpoint: Endpoint,
-    changes: Sequence[OutcomeChange],
-    baseline: Run,
-    paths: tuple[str, str],
-    obstacle: str,
+    endpoint: Endpoint, changes: Sequence[OutcomeChange], paths: tuple[str, str]
 ) -> str:
     """Return the command line that leads on from here.
 
     After a regression it replays an episode that was lost, if the candidate's actions are kept;
-    where more episodes would settle the matter it makes a baseline of so many, unless there is an
-    ``obstacle``; otherwise it compares the runs in full.
+    otherwise it compares the runs in full.
     """
     role = METRICS[endpoint.effect.metric].role
     replays = [
@@ -403,11 +376,4 @@ def _next_command(
     ]
     if endpoint.decision is Decision.REGRESSION and any(replays):
         return replays[0]
-    # A policy plays no exploration episodes.
-    can_play = role is Role.FINAL and not baseline.plan.chosen and not obstacle
-    if (number := endpoint.episodes_needed) and can_play:
-        plan = replace(baseline.plan, episodes=number)
-        if evaluate := reproduce_command(replace(baseline.header, plan=plan)):
-            directory = view_directory(baseline.directory or Path(paths[0]))
-            return f"{evaluate} {shlex.join(['--output', printable(f'{directory}-{number}')])}"
     return shlex.join(["minitouch-bench", "compare", *map(printable, paths)])

@@ -37,7 +37,7 @@ DECISION_STYLES = {Decision.NO_REGRESSION: "bold green", Decision.REGRESSION: "b
 MARKS = {Decision.NO_REGRESSION: "✅", Decision.REGRESSION: "❌"}
 OPEN_STYLE, OPEN_MARK = "bold yellow", "❔"
 
-RESULT_VERSION = 6
+RESULT_VERSION = 7
 """Of the JSON document."""
 
 SUITE = "minitouch-bench regress"
@@ -183,8 +183,7 @@ def _reason(result: GateResult) -> str:
     if endpoint.episodes_needed is None:
         most = f"even {MAX_EPISODES:,} episodes per task, the maximum, would not settle it"
         return f"{seen}; {most} if the difference is as observed"
-    settled = f"{seen}; {endpoint.episodes_needed:,} episodes per task would settle it"
-    return f"{settled}; {result.obstacle}" if result.obstacle else settled
+    return f"{seen}; a baseline of {endpoint.episodes_needed:,} episodes per task would settle it"
 
 
 def gate_notes(result: GateResult) -> tuple[str, ...]:

@@ -43,20 +43,20 @@ Pairs = Mapping[str, tuple[Episode, Episode]]
 
 
 def pair_runs(first: Run, second: Run) -> Pairs:
-    """Pair the episodes of two runs, in the first one's order, where tasks have the same rules.
+    """Pair the episodes of two runs, in the first one's order.
 
     Raises:
-        UsageError: suite or seed differ, no task is left, or the episodes are not the same ones;
-            the text says which.
+        UsageError: suite, seed or a task's rules differ, or the episodes are not the same ones; the
+            text says which.
     """
     runs = (first, second)
     _refuse_other("suites", runs, [run.plan.suite for run in runs])
-    left_out = first.header.rules_differ(second.header)
-    is_all = {*left_out} == {*first.plan.tasks} & {*second.plan.tasks}
-    _refuse_other("protocols", runs, [_rules(run, left_out if is_all else ()) for run in runs])
+    present = {row.task for row in first.rows}
+    other = [task for task in first.header.rules_differ(second.header) if task in present]
+    _refuse_other("protocols", runs, [_rules(run, other) for run in runs])
     _refuse_other("objects", runs, [run.plan.objects or "the tasks' own" for run in runs])
     _refuse_other("seeds", runs, [run.plan.seed for run in runs])
-    here, there = (_by_key(run, left_out) for run in runs)
+    here, there = map(_by_key, runs)
     alone = (
         [key for key in one if key not in other] for one, other in ((here, there), (there, here))
     )
@@ -83,12 +83,11 @@ def _rules(run: Run, tasks: Sequence[str]) -> str:
     return f"{run.header.protocol}: {', '.join(digests)}" if tasks else ""
 
 
-def _by_key(run: Run, left_out: Sequence[str]) -> dict[str, Episode]:
+def _by_key(run: Run) -> dict[str, Episode]:
     rows = [
         (episode_key(role, episode.task, episode.index), episode)
         for role, episodes in run.by_role()
         for episode in episodes
-        if episode.task not in left_out
     ]
     by_key = dict(rows)
     if not 0 < len(rows) == len(by_key):
@@ -107,17 +106,6 @@ def without_exploration(run: Run) -> Run:
     """Return a run without its exploration policy, with the digest of what is left."""
     header = replace(run.header, exploration=None)
     return replace(run, digest=run_digest(header, run.rows), header=header, exploration_rows=())
-
-
-def are_identical(runs: Sequence[Run], pairs: Pairs) -> bool:
-    """Tell whether every episode of two runs holds the same bits, by digests and by rows.
-
-    How many actions were clipped is not in the digest.
-    """
-    return runs[0].digest == runs[1].digest and all(
-        replace(one, clipped_actions=0) == replace(other, clipped_actions=0)
-        for one, other in pairs.values()
-    )
 
 
 # What differs

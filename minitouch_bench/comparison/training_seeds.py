@@ -39,10 +39,7 @@ SIDES = ("A", "B")
 
 OVER_TRAININGS = "Student's t over training seeds, of shares no narrower than over all episodes"
 
-LARGE = 0.1
-"""A difference of a share that a study of methods is planned for."""
-
-METHODS_VERSION = 1
+METHODS_VERSION = 2
 """Of the JSON document."""
 
 Sides = Sequence[Sequence[Run]]
@@ -230,29 +227,14 @@ def _seeds_to_settle(sides: SideValues, endpoint: gate.Endpoint, alpha: float) -
 # The comparison
 
 
-@dataclass(frozen=True)
-class MethodMetric(comparison.MetricVerdict):
-    """One metric of one task in the trainings of both methods.
-
-    Training seeds of each method: ``to_decide`` would show the difference if it is as observed,
-    None where it is shown or too many are needed; ``to_find`` show a difference of LARGE in POWER
-    of such studies, None for no share.
-    """
-
-    to_decide: int | None
-    to_find: int | None
-
-
 METHOD_NOTES = (
     "Brackets and p: of this row alone, two-sided; 95 % interval and Student's t over training "
     "seeds, on the same episodes. p adjusted and verdict: over all rows of the metric by "
     f"Holm's method, judged at {ALPHA_IN_WORDS}. Where some seeds fail to learn, no test over "
     "a few seeds keeps its level: look at each seed's value.",
     "Seeds to decide: about how many training seeds of each method, those present included, "
-    f"find the difference in {100 * POWER:g} % of such studies if it is as observed. Seeds for "
-    f"{LARGE:g}: the same for a difference of {LARGE:g}, in this row alone. Both rest on the "
-    f"seeds' spread as observed. A dash: shown already, or more than {MAX_SEEDS:,}, where only "
-    "more episodes help.",
+    f"find the difference in {100 * POWER:g} % of such studies if it and the seeds' spread are as "
+    f"observed. A dash: shown already, or more than {MAX_SEEDS:,}, where only more episodes help.",
 )
 """How the figures of a comparison of methods were made."""
 
@@ -266,8 +248,8 @@ class MethodComparison(comparison.WrittenComparison):
 
     methods: tuple[ComparedRun, ComparedRun]
     trainings: tuple[TrainingValue, ...]
-    main: MethodMetric
-    metrics: tuple[MethodMetric, ...]
+    main: comparison.MetricVerdict
+    metrics: tuple[comparison.MetricVerdict, ...]
     notes: tuple[str, ...]
     alpha: float = ALPHA
 
@@ -279,8 +261,7 @@ class MethodComparison(comparison.WrittenComparison):
         yield from (f"{note}." for note in self.notes)
         yield ""
         yield trainings_table(self.trainings, self.main.effect)
-        rows = [(one, one.to_decide, one.to_find) for one in self.metrics]
-        yield from comparison.verdict_tables(SIDES, rows, "Seeds to decide", f"Seeds for {LARGE:g}")
+        yield from comparison.verdict_tables(SIDES, self.metrics, "Seeds to decide")
         yield ""
         yield from map(tables.NoteBlock, METHOD_NOTES)
         yield from ("", answer_line(self))
@@ -327,7 +308,7 @@ def compare_method_runs(sides: Sides, paths: Sequence[Sequence[str]]) -> MethodC
     return MethodComparison((first, second), trainings, main, metrics, notes)
 
 
-def _judge_metrics(collected: Sequence[SideValues]) -> tuple[MethodMetric, ...]:
+def _judge_metrics(collected: Sequence[SideValues]) -> tuple[comparison.MetricVerdict, ...]:
     """Return what each metric of each task shows, adjusted over the rows of its metric."""
     effects = [compare_trainings(sides) for sides in collected]
     adjusted = comparison.adjust(effects)
@@ -337,12 +318,10 @@ def _judge_metrics(collected: Sequence[SideValues]) -> tuple[MethodMetric, ...]:
     metrics = []
     for sides, effect, p_adjusted in zip(collected, effects, adjusted, strict=True):
         verdict = comparison.effect_in_words(effect, p_adjusted, SIDES)
-        to_decide = to_find = None
+        needed = None
         if p_adjusted > ALPHA:
-            to_decide = _seeds_needed(sides, ALPHA / undecided[effect.metric])
-        if METRICS[effect.metric].is_fraction:
-            to_find = _seeds_needed(sides, ALPHA, LARGE)
-        metrics.append(MethodMetric(effect, p_adjusted, verdict, to_decide, to_find))
+            needed = _seeds_needed(sides, ALPHA / undecided[effect.metric])
+        metrics.append(comparison.MetricVerdict(effect, p_adjusted, verdict, needed))
     return tuple(metrics)
 
 
@@ -375,11 +354,6 @@ def answer_line(found: MethodComparison) -> str:
     in_both = ", ".join(map(" ".join, zip(SIDES, values, strict=True)))
     answer = f"{main.verdict}: {effect.task} {effect.metric} {in_both}"
     if main.p_adjusted > ALPHA and effect.differing:
-        number = seeds_in_words(main.to_decide, found.trainings)
+        number = seeds_in_words(main.needed, found.trainings)
         answer += f"; {number} would decide if the difference is as observed"
-    if main.to_find:
-        answer += (
-            f". A difference of {LARGE:g} is found in {100 * POWER:g} % of such studies by "
-            f"{main.to_find} training seeds on each side"
-        )
     return answer

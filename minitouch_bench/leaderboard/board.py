@@ -3,18 +3,16 @@
 Its schema is published as ``docs/leaderboard.schema.json``.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain, combinations
+from itertools import combinations
 from typing import Any, Final, Literal
 
-from minitouch_bench.episode import Count, Episode, Role, Sha256
+from minitouch_bench.episode import Count, Role, Sha256
 from minitouch_bench.leaderboard import ranking
 from minitouch_bench.leaderboard.fresh import SIGNIFICANCE
 from minitouch_bench.leaderboard.play import FreshDraw, PlayedRow
 from minitouch_bench.leaderboard.ranking import (
-    BOARD_TASKS,
     MEAN_OF,
     OVERALL,
     RANKED_BY,
@@ -27,7 +25,6 @@ from minitouch_bench.metrics.intervals import Estimate
 from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.protocol.minitouch import NOVEL_SHAPES, PROTOCOL
-from minitouch_bench.reporting.endings import Ending, ending_of
 from minitouch_bench.runs.run import Run
 from minitouch_bench.text import numbered
 
@@ -57,8 +54,7 @@ class BoardRow(About):
     main suite, "overall", or SUITE/TASK; ranks are empty for a row without a rank. Figures are by
     metric, in the units that ``docs/reference/metrics.md`` gives. ``novel_shapes`` by task: the
     metric that ranks it on held-out and on train shapes, and held-out minus train. ``learned``: how
-    many training seeds learned each task with a goal, by the key of its table. ``endings``: number
-    of episodes by how they ended.
+    many training seeds learned each task with a goal, by the key of its table.
     """
 
     labels: tuple[str, ...]
@@ -72,7 +68,6 @@ class BoardRow(About):
     fresh: Mapping[str, Mapping[str, Estimate]]
     novel_shapes: Mapping[str, Gap]
     learned: Mapping[str, Count]
-    endings: Mapping[str, Mapping[Ending, Count]]
 
     @property
     def is_calibration(self) -> bool:
@@ -186,7 +181,7 @@ class Board:
     """
 
     format: Literal["minitouch-leaderboard"]
-    version: Literal[6]
+    version: Literal[7]
     protocol: str
     protocol_digest: str
     ranked: tuple[BoardRow, ...]
@@ -221,7 +216,7 @@ def make_board(
     submitted = in_order([row for row in rows.values() if not row.is_calibration], OVERALL)
     return Board(
         format=FORMAT,
-        version=6,
+        version=7,
         protocol=PROTOCOL.name,
         protocol_digest=PROTOCOL.digest(),
         ranked=tuple(row for row in submitted if row.name in ranked),
@@ -251,7 +246,6 @@ def _row(played: PlayedRow, copy_of: str) -> BoardRow:
         fresh=ranking.score(played.fresh),
         novel_shapes=ranking.score_gaps(official.get(NOVEL_SHAPES, ())),
         learned=ranking.count_learned(official),
-        endings={task: _endings(chain(*played.episodes(task))) for task in BOARD_TASKS},
     )
 
 
@@ -259,12 +253,6 @@ def _retired(played: PlayedRow) -> list[str]:
     """Say how many trainings were played and are not in the submission any more."""
     number = len(played.row.retired)
     return [f"{numbered(number, 'training')} played, then taken out or replaced"] if number else []
-
-
-def _endings(episodes: Iterable[Episode]) -> dict[Ending, int]:
-    """Return how many episodes ended in each way that occurs."""
-    counts = Counter(map(ending_of, episodes))
-    return {ending: counts[ending] for ending in Ending if counts[ending]}
 
 
 def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
@@ -292,6 +280,9 @@ def in_order(rows: Sequence[BoardRow], key: str) -> list[BoardRow]:
 PlayedTraining = tuple[str, FreshDraw]
 """The name of a row, and what one of its trainings was played with."""
 
+ScoredEpisodes = dict[tuple[str, str], set[tuple[int, str]]]
+"""By suite and task the index and the digest of the episodes that add to a training's rank."""
+
 
 def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     """Return by the name of each copy the row that it repeats, which was played before it.
@@ -301,41 +292,35 @@ def find_copies(played: Mapping[str, PlayedRow]) -> dict[str, str]:
     of its episodes is not seen.
     """
     files: dict[PlayedTraining, set[str]] = {}
-    scored: dict[tuple[str, str], dict[PlayedTraining, list[Episode]]] = {}
+    scored: dict[PlayedTraining, ScoredEpisodes] = {}
     for name, one in played.items():
         trainings = [(name, draw) for draw in one.row.draws]
         for training, submitted in zip(trainings, one.submission.trainings, strict=True):
             files[training] = {file.sha256 for file in submitted.files(Role.FINAL)}
+            scored[training] = {}
         for suite, runs in one.official.items():
             for training, run in zip(trainings, runs, strict=True):
-                for task in run.tasks:
-                    scored.setdefault((suite, task), {})[training] = _scored(run, task)
-    same_episodes = [pair for of_task in scored.values() for pair in _same_episodes(of_task)]
+                scored[training] |= {(suite, task): _scored(run, task) for task in run.tasks}
     # A built-in policy is never a copy, whenever its row was played.
     order = sorted(files, key=lambda one: (one[1].final != "", one[1].at, one[0]))
     copies: dict[str, str] = {}
     for first, later in combinations(order, 2):
-        if files[first] & files[later] or {first, later} in same_episodes:
+        if files[first] & files[later] or _share_episodes(scored[first], scored[later]):
             copies.setdefault(later[0], first[0])
     return copies
 
 
-def _scored(run: Run, task: str) -> list[Episode]:
+def _scored(run: Run, task: str) -> set[tuple[int, str]]:
     """Return a task's episodes that add to its rank: policies that do nothing act alike."""
     rows = [row for row in run.rows if row.task == task]
     values = METRICS[ranking_metric(task)].values(rows)
-    return [row for row, value in zip(rows, values, strict=True) if value > 0]
+    return {(row.index, row.digest) for row, value in zip(rows, values, strict=True) if value > 0}
 
 
-def _same_episodes(scored: Mapping[PlayedTraining, Sequence[Episode]]) -> list[set[PlayedTraining]]:
-    """Return the pairs of trainings that share COPIED_SHARE of the smaller one's episodes."""
-    owners: dict[tuple[int, str], list[PlayedTraining]] = {}
-    for one, rows in scored.items():
-        for episode in dict.fromkeys((row.index, row.digest) for row in rows):
-            owners.setdefault(episode, []).append(one)
-    shared = Counter(pair for owning in owners.values() for pair in combinations(owning, 2))
-    return [
-        {first, other}
-        for (first, other), count in shared.items()
-        if count >= COPIED_SHARE * min(len(scored[first]), len(scored[other]))
-    ]
+def _share_episodes(one: ScoredEpisodes, other: ScoredEpisodes) -> bool:
+    """Tell whether two trainings share COPIED_SHARE of a task's episodes, of the smaller number."""
+    both = ((one[key], other[key]) for key in one.keys() & other.keys())
+    return any(
+        len(first & second) >= max(1, COPIED_SHARE * min(len(first), len(second)))
+        for first, second in both
+    )

@@ -91,7 +91,7 @@ def _about(configs: Sequence[TrainingConfig]) -> dict[str, Any]:
     (lacking,) = without
     touch = "proprioception" if "forces" in lacking else "touch"
     senses = {"vision": "vision", touch: "touch"}
-    sees_keypoints = any(config.task_phase.keypoint_updates for config in configs)
+    sees_keypoints = any(config.task_phase.learns_keypoints for config in configs)
     return {
         "method": methods.pop(),
         "learner": f"MiniTouch-bench SAC{' on keypoints' if sees_keypoints else ''}",

@@ -6,7 +6,7 @@ rows face the same episodes, so every two of them are compared episode by episod
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,7 +16,7 @@ from minitouch_bench.episode import Count
 from minitouch_bench.metrics import intervals
 from minitouch_bench.metrics.definitions import METRICS, ShownIn, ranking_metric
 from minitouch_bench.metrics.statistics import ALPHA, SHARE, holm, mcnemar_p, seeds_to_decide
-from minitouch_bench.metrics.summary import GAP_PARTS, Gap
+from minitouch_bench.metrics.summary import Gap
 from minitouch_bench.protocol.minitouch import DARK, GOAL_TASKS, MAIN_SUITE, PROTOCOL
 from minitouch_bench.protocol.spec import Split
 from minitouch_bench.reporting.labels import TASKS
@@ -160,7 +160,7 @@ def score_gaps(runs: Sequence[Run]) -> dict[str, Gap]:
         metric, parts = ranking_metric(task), {}
         results = (one for run in runs for one in run.summary.generalization if one.task == task)
         gaps = [result.gaps[metric] for result in results]
-        for part in GAP_PARTS:
+        for part in (field.name for field in fields(Gap)):
             possible = METRICS[metric].range_in(task, difference=part == "difference")
             parts[part] = intervals.over_seeds([getattr(gap, part) for gap in gaps], possible)
         found[task] = Gap(**parts)

@@ -28,13 +28,6 @@ from minitouch_bench.text import printable
 if TYPE_CHECKING:
     import pandas as pd
 
-GAP_PARTS = {
-    "held_out": Split.HELD_OUT.value,
-    "train": Split.TRAIN.value,
-    "difference": "held-out minus train",
-}
-"""The fields of a gap, and what each is called behind its metric's name."""
-
 MIN_EPISODES = 10
 """Episodes of each split below which a gap would be noise alone."""
 

@@ -83,11 +83,11 @@ class PolicySource:
 
     The ``Policy`` that acts cannot: it has a session, a connection or a running process.
 
-    ``target`` is the file, the factory or the URL. ``digest`` is the SHA-256 of the file's bytes,
-    "" where there is no file. A directory has ``parts``, one source per task. ``content`` is
-    the bytes of a policy that is in memory, and for a loader those of the file. ``address`` is
-    what a run records in place of ``target``, where that is a cached copy. A policy that is not
-    ``deterministic`` may sample its actions.
+    ``target`` is the file, the factory or the URL. ``digest`` is the SHA-256 of the file's bytes
+    or of an object in memory, otherwise "". A directory has ``parts``, one source per task.
+    ``content`` is the bytes of a policy that is in memory, and for a loader those of the file.
+    ``address`` is what a run records in place of ``target``, where that is a cached copy. A policy
+    that is not ``deterministic`` may sample its actions.
     """
 
     kind: str

@@ -19,11 +19,10 @@ from typing import Annotated
 from msgspec import Meta
 
 from minitouch_bench import files
-from minitouch_bench.episode import PolicyIdentity, Role, Sha256
+from minitouch_bench.episode import Role, Sha256
 from minitouch_bench.errors import (
     CheckpointChangedError,
     InfrastructureError,
-    MiniTouchError,
     PolicyLoadError,
     UsageError,
 )
@@ -153,20 +152,6 @@ def parse_source(text: str, *, role: Role = Role.FINAL) -> PolicySource:
         f"there is no policy '{text}'.\nGive {', '.join(BUILT_IN)}, a file "
         f"({', '.join(KIND_BY_SUFFIX)}), a directory, package.module:attribute, http://... or hf://..."
     )
-
-
-def is_still(recorded: PolicyIdentity, role: Role) -> bool:
-    """Tell whether what a run recorded as its policy is still there, bit for bit.
-
-    A recorded address of the Hub names a commit, which stays as it is. Of a server and of Python
-    code it cannot be known.
-    """
-    if recorded.kind in BUILT_IN or recorded.source.startswith(HUB):
-        return True
-    with suppress(MiniTouchError):
-        found = parse_source(recorded.source, role=role)
-        return bool(recorded.digest) and found.digest == recorded.digest
-    return False
 
 
 def trained_task(source: PolicySource) -> str | None:

@@ -55,8 +55,7 @@ class Band:
 class Spots:
     """Round dots of one color, drawn as one path, so that a page of thousands stays small.
 
-    ``size``: their height, drawing units. ``episodes``: the index of each one's episode in the
-    plot's ``source``, () where a reader cannot go to them.
+    ``size``: their height, drawing units. ``episodes``: the index of each one's episode.
     """
 
     points: tuple[tuple[float, float], ...]

@@ -24,7 +24,7 @@ BIN = 10
 """Control steps in one bar of a histogram of episode steps."""
 
 FEW = 0.1
-"""Share of the episodes below which a touch curve is drawn faintly."""
+"""Share of the episodes below which a curve is drawn faintly."""
 
 FEWEST = 4
 """Episodes of which a middle half can be drawn."""

@@ -31,7 +31,7 @@ from minitouch_bench.shapegen.generate import (
     write_set,
 )
 from minitouch_bench.shapegen.geometry import Mesh, in_body_frame, rest_poses, solid_moments
-from minitouch_bench.shapegen.manifest import MANIFEST, ShapeSet, load_shape_set
+from minitouch_bench.shapegen.manifest import MANIFEST, PACK, ShapeSet, load_shape_set
 from minitouch_bench.shapegen.object_files import UnreadableError, find_objects, read_object
 
 FAMILY = "imported"
@@ -160,7 +160,7 @@ def _check_output(folder: Path, *, fresh: bool) -> None:
         if "imported" not in load_shape_set(folder).document:
             raise RunDirectoryError(f"{folder} contains a set that was not imported: it is kept")
     else:
-        refuse_others(folder)
+        refuse_others(folder, PACK)
 
 
 def _import_all(

@@ -60,7 +60,7 @@ def generate(
     with lock_directory(folder):
         if (folder / MANIFEST).exists():
             raise RunDirectoryError(f"{folder} contains a finished set; choose another --output")
-        refuse_others(folder)
+        refuse_others(folder, PARTIAL, PACK)
         partial = folder / PARTIAL
         made = made_before(partial, {**header, "versions": versions(), "count": count})
         tasks = [(root, index) for index in range(count) if index not in made]
@@ -83,13 +83,13 @@ def generate(
     return content_digest(document)
 
 
-def refuse_others(folder: Path) -> None:
-    """Refuse a folder with files that a set does not have.
+def refuse_others(folder: Path, *own: str) -> None:
+    """Refuse a folder with files other than those that an interrupted call leaves there.
 
     Raises:
         RunDirectoryError: it has some.
     """
-    others = {*entries_of(folder)} - {PARTIAL, PACK}
+    others = {*entries_of(folder)} - {*own}
     refuse_entries(folder, others, "It does not contain a set; choose another --output")
 
 

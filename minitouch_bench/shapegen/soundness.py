@@ -77,7 +77,7 @@ class SoundnessConfig:
 
 
 LIMITS = SoundnessConfig()
-"""The limits of every set, also of an imported one."""
+"""The limits of every generated set; of an imported object most are measured only."""
 
 
 HIGHEST, WIDEST = 0.100, 0.120

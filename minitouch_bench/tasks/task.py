@@ -230,6 +230,12 @@ class TabletopTask(Task):
         """Return the object's center of mass, float64 (3,) in m."""
         return np.array(client.pose(self.target_body).position)
 
+    def outcome(self, client: PhysicsClient) -> Outcome | None:
+        """Return a failure where an object has left the workspace, if that ends the task."""
+        x, y, _ = client.pose(self.target_body).position
+        is_left = self.spec.object_can_leave and not self.spec.workspace.holds(x, y)
+        return Outcome.LEFT_WORKSPACE if is_left else None
+
 
 def draw_position(workspace: Workspace, rng: np.random.Generator, margin: float) -> Position:
     """Return a uniform position (m) at least ``margin`` from the four sides."""
@@ -247,10 +253,6 @@ class Playing(TabletopTask):
     """A heavy cube at a random position."""
 
     spec: ClassVar[TabletopSpec] = PLAYING
-
-    def outcome(self, client: PhysicsClient) -> Outcome | None:
-        """Return None: only the step limit ends this task."""
-        return None
 
 
 class Pushing(TabletopTask):
@@ -295,7 +297,7 @@ class Pushing(TabletopTask):
         x, y, _ = client.pose(self.target_body).position
         if math.dist((x, y), self.target) < self.spec.success_distance:
             return Outcome.SUCCESS
-        return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
+        return super().outcome(client)
 
     def _behind(self) -> Position:
         """Return the position behind the object from which it is pushed to the target."""
@@ -359,8 +361,7 @@ class PickUp(TabletopTask):
         lowest, _ = self.model.heights(client, self.target_body)
         if lowest - PROTOCOL.physics.table_top >= self.spec.lift:
             return Outcome.SUCCESS
-        x, y, _ = client.pose(self.target_body).position
-        return None if self.spec.workspace.holds(x, y) else Outcome.LEFT_WORKSPACE
+        return super().outcome(client)
 
 
 TASK_CLASSES: dict[str, type[Task]] = {

@@ -1,4 +1,4 @@
-"""Episodes of a run filmed again: their viewers, videos and tables, on every core."""
+"""Episodes of a run filmed again: their viewers and videos, on every core."""
 
 import contextlib
 from collections import defaultdict

@@ -121,7 +121,7 @@ def test_a_run_beside_itself_is_identical():
     found = compared(GOOD, replace(GOOD, name="again")).pairs[0]
     assert found.identical
     assert found.changes == ()
-    assert {(one.verdict, one.p_adjusted, one.episodes_to_resolve) for one in found.metrics} == {
+    assert {(one.verdict, one.p_adjusted, one.needed) for one in found.metrics} == {
         ("equal in every episode", 1.0, None)
     }
     assert not compared(GOOD, BAD).pairs[0].identical
@@ -134,7 +134,7 @@ def test_episodes_to_resolve_are_of_each_task_in_the_mean_too():
         make_saved({task: values(flags(won, 40)) for task in tasks}, str(won)) for won in (30, 25)
     )
     found = of_metric("success", first, second)
-    mean, *each = (found[task].episodes_to_resolve for task in ("mean", *tasks))
+    mean, *each = (found[task].needed for task in ("mean", *tasks))
     assert each == [each[0]] * 3
     assert mean == math.ceil(each[0] / 3)
 

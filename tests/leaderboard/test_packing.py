@@ -113,6 +113,7 @@ def test_training_directories_are_grouped_by_their_seed():
     assert ("exploration", "playing") not in files
     submit([make_training("pushing", 1, without=("forces", "vision"))], name="blind")
     assert told("blind").modalities == ("proprioception",)
+    assert "keypoints" not in told("blind").learner
     assert [file.role for file in told("blind").trainings[0].checkpoints] == ["final"]
 
 

@@ -16,6 +16,7 @@ from minitouch_bench.shapegen.exchange import (
     import_objects,
     import_one,
 )
+from minitouch_bench.shapegen.generate import PARTIAL
 from minitouch_bench.shapegen.geometry import Mesh
 from minitouch_bench.shapegen.manifest import load_shape_set
 from minitouch_bench.shapegen.object_files import read_object
@@ -240,6 +241,11 @@ def test_a_set_tells_the_sides_and_the_unit_of_each_file(tmp_path):
 
 def test_only_an_imported_set_is_replaced(tmp_path, small_set):
     path = written(tmp_path / "one.stl", block())
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    (begun / PARTIAL).write_text("shapes that ``generate`` has made so far")
+    with pytest.raises(RunDirectoryError, match=PARTIAL):
+        import_objects([path], begun, ImportConfig(), fresh=True)
     with pytest.raises(RunDirectoryError, match="not imported"):
         import_objects([path], small_set, ImportConfig(), fresh=True)
     assert len(load_shape_set(small_set).shapes) == 16

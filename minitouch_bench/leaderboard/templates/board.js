@@ -77,7 +77,7 @@
     for (const row of document.querySelectorAll("tr[data-name]")) row.hidden = !wants(row);
     tell();
   };
-  // The address keeps the view and the filters, as in #table4?modality=touch&words=hac.
+  // The address keeps the view and the filters, as in #overall?modality=touch&words=hac.
   const remember = () => {
     const view = views.find((one) => !one.hidden) || views[0];
     const kept = new URLSearchParams();
