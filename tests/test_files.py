@@ -2,7 +2,6 @@
 
 import errno
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -164,32 +163,6 @@ def test_a_file_is_written_whole_and_nothing_is_written_or_added_through_a_link(
     assert path.read_bytes() == b"again"
     assert target.read_text() == "kept"
     assert os.listdir(path.parent) == ["report.md"]
-
-
-WRITE_FOREVER = """
-import sys
-from pathlib import Path
-from minitouch_bench.files import replace_file
-path = Path(sys.argv[1])
-replace_file(path, b"0" * 1_000_000)
-print("begun", flush=True)
-while True:
-    for digit in b"0123456789":
-        replace_file(path, bytes([digit]) * 1_000_000)
-"""
-
-
-def test_a_reader_sees_whole_files_while_one_is_written_and_its_writer_killed(tmp_path):
-    path = tmp_path / "file"
-    command = [sys.executable, "-c", WRITE_FOREVER, str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout.readline() == b"begun\n"
-        for _ in range(50):
-            content = read_file(path)
-            assert content == content[:1] * 1_000_000
-        writer.send_signal(signal.SIGKILL)
-    content = read_file(path)
-    assert content == content[:1] * 1_000_000
 
 
 def test_a_file_that_cannot_be_written_whole_leaves_the_old_one(tmp_path):

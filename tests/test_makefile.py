@@ -72,11 +72,17 @@ def test_uv_finds_or_fetches_a_python_where_there_is_none(clone):
     assert (clone / ".venv" / ".ready").exists()
 
 
-@pytest.mark.parametrize("named", [[], ["PYTHON=python2"]])
-def test_without_a_python_it_names_what_brings_one(clone, named):
-    if named:  # is meant: uv is not asked
-        write(clone / "bin" / "uv", UV)
+def without_a_python(clone, *named):
     said = run_make(clone, ".venv/.ready", *named, code=2, PATH=str(clone / "bin")).stderr
     for tool in ("uv:", "pyenv:", "apt:"):
         assert sum(line.strip().startswith(tool) for line in said.splitlines()) == 1
+
+
+def test_without_a_python_it_names_what_brings_one(clone):
+    without_a_python(clone)
+
+
+def test_a_python_that_is_named_is_meant_and_uv_is_not_asked(clone):
+    write(clone / "bin" / "uv", UV)
+    without_a_python(clone, "PYTHON=python2")
     assert not (clone / "asked").exists()

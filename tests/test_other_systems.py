@@ -37,12 +37,6 @@ def elsewhere(tmp_path):
     )
 
 
-def test_there_is_no_sandbox_and_the_error_says_so(elsewhere):
-    done = elsewhere("evaluate", "random", "--tasks", "pushing", "--episodes", "1", code=3)
-    assert "no sandbox can be had here: it needs Linux" in done.stderr
-    assert "--isolation process" in done.stderr
-
-
 def test_a_run_in_a_process_has_the_same_digest_and_is_unofficial(elsewhere, tmp_path):
     episodes = ("evaluate", "random", "--tasks", "pushing", "--episodes", "2", "--workers", "2")
     elsewhere(*episodes, "--isolation", "process", "--output", "run")

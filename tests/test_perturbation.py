@@ -52,12 +52,6 @@ def test_what_is_as_usual_is_not_written():
     assert msgspec.json.encode(found) == b'{"light":[0.0,0.0]}'
 
 
-def test_the_options_read_back_as_the_same_bits():
-    given = Perturbation(mass=(1 / 3, 2 / 3), noise=0.1)
-    words = given.as_options()
-    assert parse_perturbation((), words[1].split(",")) == given
-
-
 def test_a_draw_is_from_the_range_and_depends_on_no_other_condition():
     few, all_of_them = Perturbation(camera=(-5.0, 5.0)), Perturbation(
         mass=(0.5, 2.0), camera=(-5.0, 5.0), delay=(1, 3), grip=(0.5, 1.0), light=(0.0, 0.5)

@@ -6,15 +6,8 @@ import pytest
 from tests.commands.command import Finished, run
 from tests.leaderboard.browser import browser, started_browser  # noqa: F401
 
-POLICIES = Path(__file__).parents[1] / "evaluation"
 ONE = ("--tasks", "pushing", "--episodes", "1", "--workers", "1")
 SCRIPTED = ("evaluate", "scripted", "--tasks", "pushing,opening", "--episodes", "2")
-
-
-@pytest.fixture(autouse=True)
-def importable(monkeypatch):
-    """Let policy processes import ``misbehaved`` from there."""
-    monkeypatch.setenv("PYTHONPATH", str(POLICIES), prepend=":")
 
 
 @pytest.fixture

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from minitouch_bench.files import JOURNAL_FILE, RUN_FILES, lock_directory
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import read_run
 from tests.archives import zipped
 from tests.commands.command import (
@@ -24,6 +22,7 @@ from tests.commands.command import (
     wait_for_records,
 )
 from tests.commands.conftest import ONE, SCRIPTED
+from tests.leaderboard.playing import write_policy
 
 
 def rows(directory):
@@ -79,8 +78,7 @@ def test_chosen_episodes_hold_the_bits_of_the_whole_run_and_are_a_run(scripted, 
 
 
 def test_a_training_is_not_played_in_other_tasks_without_a_word(tmp_path):
-    (tmp_path / "trained").mkdir()
-    save_native(TouchActor(action_size=4), tmp_path / "trained" / "final.safetensors")
+    write_policy(tmp_path / "trained" / "final.safetensors")
     (tmp_path / "trained" / "config.toml").write_text('task = "pushing"\n')
     words = ("evaluate", "trained", "--suite", "smoke", "--episodes", 1, "--fresh")
     done = run(*words, "--tasks", "pushing,opening", directory=tmp_path)
@@ -101,16 +99,6 @@ def test_faults_are_counted_and_named_and_the_run_finishes(tmp_path):
     for file in ("run.json", "report.html"):
         assert "NaN" in (tmp_path / "run" / file).read_text()
     assert '"act_timeout_s": 7.5' in (tmp_path / "run" / "run.json").read_text()
-
-
-@pytest.mark.parametrize("isolation", ["none", "process"])
-def test_a_policy_that_ends_its_program_is_at_fault(tmp_path, isolation):
-    options = (*ONE, "--trust", "--isolation", isolation, "--output", "run")
-    done = run_installed("evaluate", "misbehaved:Quits", *options, directory=tmp_path)
-    assert done.code == 4, done.err
-    assert read_run(tmp_path / "run").faults.keys() == {"pushing/0"}
-    unloaded = run_installed("evaluate", "misbehaved:quit_at_once", *options, directory=tmp_path)
-    unloaded.refused(3, "quit_at_once")
 
 
 def test_what_a_policy_prints_is_apart_from_the_results(tmp_path):

@@ -15,10 +15,9 @@ import pytest
 from minitouch_bench.commands.submit import submit
 from minitouch_bench.errors import PolicyLoadError
 from minitouch_bench.leaderboard import packing
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.sources import HubFile, parse_hub_address
 from tests.commands.command import run, run_installed, succeed
+from tests.leaderboard.playing import write_policy
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 REFERENCE, TAGGED, UNKNOWN = (
@@ -32,8 +31,7 @@ ONE = ("--episodes-from", "pushing/0", "--workers", "1")
 def hub(tmp_path, monkeypatch):
     """A server with one file at one commit, called main and v1: what it serves and was asked."""
     pytest.importorskip("huggingface_hub", reason="needs the extra hub")
-    save_native(TouchActor(action_size=4).eval(), tmp_path / "served.safetensors")
-    content = (tmp_path / "served.safetensors").read_bytes()
+    content = write_policy(tmp_path / "served.safetensors").read_bytes()
     served = SimpleNamespace(content=content, size=len(content), asked=[])
 
     class Handler(BaseHTTPRequestHandler):

@@ -1,48 +1,36 @@
 import hashlib
 import json
 import shlex
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
 
-from minitouch_bench.files import RUN_FILE, write_file
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
-from minitouch_bench.runs.actions import write_actions
+from minitouch_bench.episode import PolicyIdentity, Role
+from minitouch_bench.files import ACTIONS_FILE
 from minitouch_bench.runs.plan import make_plan
-from minitouch_bench.runs.run import make_header, parse_run, read_run, run_digest, run_json
-from minitouch_bench.runs.run import make_run as measure_run
+from minitouch_bench.runs.run import parse_run, read_run, run_digest
 from tests.commands.command import run, succeed
-from tests.reporting.synthetic import make_run
+from tests.leaderboard.playing import write_policy
+from tests.reporting.synthetic import played
+from tests.reporting.synthetic import write as write_run
 
 
-def write(directory, name, episodes=20, **options):
-    """Write a run whose numbers agree: of the suite's episodes, with as many actions as steps."""
+def write(directory, episodes=4, skill=0.8):
+    """Write a run of so many episodes of each task, and what can be replayed."""
+    name = directory.name
+    policy = PolicyIdentity(name, name, "native", hashlib.sha256(name.encode()).hexdigest())
     plan = make_plan("table4", episodes=episodes)
-    played = make_run(name, plan.tasks, episodes, exploration=False, **options)
-    records = tuple(map(of_plan, played.records, plan.specs()))
-    digest = hashlib.sha256(name.encode()).hexdigest()
-    policy = replace(played.header.policy, digest=digest)
-    header = make_header(plan, policy, None, "sandbox")
-    directory.mkdir()
-    write_actions(records, directory)
-    done = measure_run(header, played.environment, records, name)
-    write_file(directory / RUN_FILE, run_json(done))
-
-
-def of_plan(record, spec):
-    record.trace.actions[record.trace.clipped] = 1  # a clipped action is at a bound
-    return replace(record, spec=spec)
+    write_run(played(plan, {Role.FINAL: policy}, skill, 0), directory)
+    (directory / ACTIONS_FILE).touch()
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     for name, skill in {"good": 0.9, "bad": 0.2, "worse": 0.25, "close": 0.85}.items():
-        write(directory / name, name, skill=skill, episodes=60)
-    write(directory / "few", "few", episodes=4)
-    write(directory / "few-good", "few-good", skill=1.0, episodes=4)
+        write(directory / name, 60, skill)
+    write(directory / "few")
+    write(directory / "few-good", skill=1.0)
     return directory
 
 
@@ -183,7 +171,7 @@ def test_a_policy_that_is_clearly_worse_is_a_regression_whose_commands_work(tmp_
 
 
 def test_exploration_episodes_of_a_baseline_are_left_out(tmp_path):
-    save_native(TouchActor(action_size=5), tmp_path / "explored.safetensors")
+    write_policy(tmp_path / "explored.safetensors")
     run("evaluate", "random", "--exploration", "explored.safetensors", *BASE, directory=tmp_path)
     done = succeed("regress", "random", "--baseline", "base", "--output", "new", directory=tmp_path)
     assert "left out" in done.err

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import minitouch_bench as mt
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.runs.run import make_header, read_run, run_json
 from tests.altered import ROOT, edit_document
 from tests.commands.command import run, succeed
 from tests.commands.conftest import ONE
 from tests.evaluation.misbehaved import Still
+from tests.leaderboard.playing import write_policy
 
 
 def test_a_true_run_is_verified_and_run_again(scripted):
@@ -36,8 +35,7 @@ def test_an_edited_run_is_named_with_exit_1(copy):
 
 
 def test_a_run_is_verified_without_its_checkpoint_and_run_again_with_it_alone(tmp_path):
-    policy = tmp_path / "policy.safetensors"
-    save_native(TouchActor(action_size=4), policy)
+    policy = write_policy(tmp_path / "policy.safetensors")
     both = ("evaluate", policy, "--exploration", policy)
     succeed(*both, *ONE, "--output", "run", directory=tmp_path)
     with np.load(tmp_path / "run" / "actions.npz") as actions:  # the one samples, the other not
@@ -51,7 +49,7 @@ def test_a_run_is_verified_without_its_checkpoint_and_run_again_with_it_alone(tm
     here = ("--policy", moved, "--exploration", moved)
     again = succeed("verify", "run", "--rerun", 1, *here, directory=tmp_path)
     assert "2 episodes run again with the checkpoint" in again.out
-    save_native(TouchActor(action_size=4), moved)
+    write_policy(moved, seed=1)
     other = run("verify", "run", "--rerun", 1, *here, directory=tmp_path)
     other.refused(2, "is not the policy of this run")
 

@@ -7,20 +7,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minitouch_bench.comparison.gate import Decision, GateSettings, decide
+from minitouch_bench.comparison.gate import Decision, GateSettings
 from minitouch_bench.comparison.gate_report import gate_json, gate_markdown, show_result
-from minitouch_bench.comparison.pairing import PairedValues
 from minitouch_bench.comparison.training_seeds import (
     answer_line,
     compare_method_runs,
-    compare_trainings,
     judge,
-    training_differences,
 )
 from minitouch_bench.errors import UsageError
 from minitouch_bench.leaderboard.ranking import rank
 from minitouch_bench.metrics.intervals import newcombe, wilson
-from minitouch_bench.metrics.statistics import seeds_to_decide
 from minitouch_bench.perturbation import Perturbation
 from tests.comparison.pairs import draw, flags, make_saved, shown, values, with_header
 
@@ -60,19 +56,6 @@ def judged(*sides, **settings):
 
 def compared(*sides):
     return compare_method_runs(*asked(sides))
-
-
-def drawn(rng, skills, hardness, seeds, deviation):
-    """The paired successes of methods whose seeds' skills vary normally, on the same episodes."""
-    sides = [
-        [draw(rng, own, hardness).success * 1.0 for own in rng.normal(skill, deviation, seeds)]
-        for skill in skills
-    ]
-    first = sides[0][0]
-    return [
-        [PairedValues("pushing", "success", ("pushing",), first, own) for own in side]
-        for side in sides
-    ]
 
 
 # The gate
@@ -174,22 +157,6 @@ def test_what_is_not_one_run_per_training_seed_is_refused(before, after, why):
         judged(before, after)
 
 
-def test_false_alarms_stay_near_their_level_and_a_worse_method_is_found():
-    """Seeds' skills vary normally; their runs share the hardness of the episodes."""
-    rng = np.random.default_rng(3)
-
-    def regressions(skill, gates=300):
-        found = 0
-        for _ in range(gates):
-            effect = compare_trainings(drawn(rng, (0.8, skill), rng.random(100), 5, 0.05))
-            decided = decide(effect, ("pushing",), GateSettings(), is_believed=True)
-            found += decided.decision is Decision.REGRESSION
-        return found / gates
-
-    assert regressions(0.8) <= 0.05 + 3 * (0.05 * 0.95 / 300) ** 0.5
-    assert regressions(0.6) >= 0.9
-
-
 # The comparison
 
 
@@ -223,20 +190,6 @@ def test_an_open_question_says_how_many_seeds_more_would_decide_it():
     assert f"about {number} training seeds on each side, {number - 4} more," in str(comparison)
     assert answer_line(comparison) in str(comparison)
     assert json.loads(comparison.to_json())["main"]["needed"] == number
-
-
-def test_the_seeds_for_a_difference_of_a_tenth_find_it_in_four_of_five_studies():
-    rng = np.random.default_rng(5)
-
-    def study(skill, seeds):
-        return training_differences(drawn(rng, (skill, 0.6), hardness, seeds, 0.08))
-
-    hardness = rng.random(100)
-    guesses = [seeds_to_decide(study(0.6, 8), (8, 8), 0.05, 0.1) for _ in range(60)]
-    needed = int(np.median([guess for guess in guesses if guess]))
-    assert 6 < needed < 40
-    found = [study(0.7, needed).p_values[0, 1] <= 0.05 for _ in range(300)]
-    assert 0.65 < np.mean(found) < 0.93
 
 
 def test_a_task_that_one_run_has_by_other_rules_is_left_out():

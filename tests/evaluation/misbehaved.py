@@ -4,7 +4,6 @@ import atexit
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -68,17 +67,6 @@ class Hopeless(Still):
     def reset(self, seed, task):
         if str(seed) != os.environ.get("FINE"):
             raise ValueError("nothing learned")
-
-
-class Quits(Still):
-    """Ends its program with success."""
-
-    def act(self, observation):
-        sys.exit()
-
-
-def quit_at_once():
-    sys.exit()
 
 
 class Talks(Still):

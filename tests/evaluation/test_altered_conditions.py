@@ -98,7 +98,6 @@ def test_the_world_differs_and_is_the_same_again(perturbation):
     assert play(perturbation) == play(perturbation) != play(UNPERTURBED)
 
 
-@pytest.mark.usefixtures("importable")
 def test_a_run_under_a_condition_is_run_again_under_it(tmp_path, capsys):
     conditions = {
         "without": "forces",

@@ -10,7 +10,6 @@ from minitouch_bench.errors import (
     HopelessRunError,
     InfrastructureError,
     RunDirectoryError,
-    UsageError,
 )
 from minitouch_bench.evaluation.engine import Callbacks, LocalEngine
 from minitouch_bench.evaluation.execution import (
@@ -117,7 +116,7 @@ def test_a_directory_of_other_files_is_refused(tmp_path):
             open_run(header_of(request()), tmp_path, resume=resume, fresh=False)
 
 
-def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, importable):
+def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path):
     wanted = request("misbehaved:Hopeless", ("opening",), 12)
     with pytest.raises(HopelessRunError, match="policy faults: the policy said: ValueError"):
         run(wanted, tmp_path)
@@ -126,29 +125,17 @@ def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path, imp
     assert [row.outcome for row in done.rows] == [Outcome.POLICY_FAULT] * 12
 
 
-@pytest.mark.parametrize("output", [None, "run"])
-def test_after_ten_faults_the_corrected_policy_is_to_be_played_again(tmp_path, output):
-    class Hopeless:
-        def act(self, observation):
-            raise ValueError("nothing learned")
-
-    directory = None if output is None else tmp_path / output
-    with pytest.raises(HopelessRunError, match=r"\nCorrect the policy and repeat") as ended:
-        evaluate(Hopeless(), tasks="opening", episodes=11, workers=1, output=directory)
-    assert ("with --fresh; or --resume" in str(ended.value)) is (output is not None)
-    assert "kept" not in str(ended.value)
-
-
-def test_a_checkpoint_that_changes_ends_the_run_at_its_first_use(tmp_path):
-    file, directory = tmp_path / "policy.onnx", tmp_path / "run"
-    file.write_bytes(b"old")
-    wanted = request(str(file), ("opening",), 1)
-    file.write_bytes(b"new")
-    with (
-        pytest.raises(CheckpointChangedError, match=r"was changed .*\n.*--resume .*--fresh"),
-        resumable(directory),
-    ):
-        run(wanted, directory)
+@pytest.mark.parametrize(
+    ("error", "directory", "advice"),
+    [
+        (HopelessRunError, None, "Correct the policy and repeat$"),
+        (HopelessRunError, Path("run"), "Correct the policy and repeat .* --fresh; or --resume"),
+        (CheckpointChangedError, Path("run"), "--resume continues with the old file, --fresh"),
+    ],
+)
+def test_what_a_policy_s_mistake_or_change_ended_says_how_to_go_on(error, directory, advice):
+    with pytest.raises(error, match=f"^why\n.*{advice}"), resumable(directory):
+        raise error("why")
 
 
 class Backwards(LocalEngine):
@@ -158,9 +145,7 @@ class Backwards(LocalEngine):
         return super().run(source, specs[::-1])
 
 
-def test_the_first_episodes_are_those_of_the_plan_whatever_ends_first(
-    tmp_path, importable, monkeypatch
-):
+def test_the_first_episodes_are_those_of_the_plan_whatever_ends_first(tmp_path, monkeypatch):
     wanted = request("misbehaved:Hopeless", ("opening",), 11, isolation=Isolation.PROCESS)
     monkeypatch.setenv("FINE", str(wanted.plan.specs()[0].policy_seed))
     done = run(wanted, tmp_path, engine=Backwards(1))
@@ -178,7 +163,7 @@ def test_a_run_of_other_packages_is_not_resumed(tmp_path, monkeypatch):
     assert "--fresh" in str(refused.value)
 
 
-def test_a_factory_cannot_read_what_its_run_keeps(tmp_path, importable, monkeypatch):
+def test_a_factory_cannot_read_what_its_run_keeps(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = run(request("misbehaved:ReadsItsRun", ("opening",), 1), tmp_path / "run")
     assert done.faults["opening/0"].startswith("the policy said: PermissionError")
@@ -201,7 +186,7 @@ def deaths_file(tmp_path, monkeypatch):
     return tmp_path / "deaths"
 
 
-def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(deaths_file, importable):
+def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(deaths_file):
     place = deaths_file.parent
     wanted = request("misbehaved:IsKilled", ("opening",), 1, isolation=Isolation.PROCESS)
     deaths_file.write_text("0")
@@ -211,7 +196,7 @@ def test_a_policy_killed_from_outside_is_tried_again_with_the_same_result(deaths
     assert deaths_file.read_text() == "0"
 
 
-def test_a_policy_killed_three_times_leaves_the_run_incomplete(deaths_file, importable):
+def test_a_policy_killed_three_times_leaves_the_run_incomplete(deaths_file):
     place = deaths_file.parent / "run"
     deaths_file.write_text("3")
     wanted = request("misbehaved:IsKilled", ("opening",), 1, isolation=Isolation.PROCESS)
@@ -238,8 +223,3 @@ def test_what_there_is_to_resume_is_said_and_the_views_are_written_again(tmp_pat
         f"no run to resume in {directory}: starting a new one",
         f"{directory} contains the finished run: no episode is missing",
     ]
-
-
-def test_a_built_in_policy_has_not_explored_named_by_a_path_either():
-    with pytest.raises(UsageError, match="leave it out"):
-        evaluate("zero", exploration=Path("random"), suite="smoke", tasks="pushing")

@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-import torch
 
 from minitouch_bench.errors import CheckpointChangedError, InfrastructureError, UsageError
 from minitouch_bench.evaluation.execution import header_of
@@ -15,8 +14,6 @@ from minitouch_bench.evaluation.policy_setup import PolicySetup
 from minitouch_bench.evaluation.ray_engine import pack_source
 from minitouch_bench.files import ACTIONS_FILE, VARIABLE
 from minitouch_bench.policies.formats import KIND_BY_SUFFIX
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.policies.policy import Isolation
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.protocol.minitouch import TASK_NAMES
@@ -24,8 +21,7 @@ from minitouch_bench.runs.plan import make_plan
 from tests.evaluation import ray_nodes
 from tests.evaluation.ray_nodes import engine_at
 from tests.evaluation.runs import digests, request, run
-
-HERE = Path(__file__).parent
+from tests.leaderboard.playing import write_policy
 
 pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path without a space")
 
@@ -33,10 +29,7 @@ pytestmark = pytest.mark.skipif(" " in sys.executable, reason="Ray needs a path 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory) -> Path:
     """An actor for every task."""
-    path = tmp_path_factory.mktemp("checkpoint") / "actor.safetensors"
-    torch.manual_seed(5)
-    save_native(TouchActor(action_size=5), path)
-    return path
+    return write_policy(tmp_path_factory.mktemp("checkpoint") / "actor.safetensors")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +37,6 @@ def cluster(tmp_path_factory):
     """The address of a cluster of two nodes, which have a cache of their own."""
     pytest.importorskip("ray")
     with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
-        patch.setenv("PYTHONPATH", str(HERE), prepend=":")
         patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("nodes")))
         patch.setenv("DEATHS", str(tmp_path_factory.mktemp("deaths") / "counter"))
         address = stack.enter_context(ray_nodes.head())
@@ -69,7 +61,7 @@ def test_two_nodes_give_the_bits_of_one_worker_on_every_task(cluster, checkpoint
     assert actions[0] == actions[1]
 
 
-def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path):
+def test_each_task_keeps_its_own_file_and_exploration_its_own_policy_unless_one_changed(tmp_path):
     contents = {"mine/pushing.pt": b"one", "mine/opening.onnx": b"two", "early.zip": b"three"}
     for name, content in contents.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -82,17 +74,7 @@ def test_each_task_keeps_its_own_file_and_exploration_its_own_policy(tmp_path):
     for source, (name, content) in zip(found, contents.items(), strict=True):
         assert source.kind == KIND_BY_SUFFIX[Path(name).suffix]
         assert source.content == content
-
-
-@pytest.mark.parametrize("content", [b"other weights", None])
-def test_a_checkpoint_that_changed_meanwhile_is_not_sent(tmp_path, content):
-    file = tmp_path / "actor.pt"
-    file.write_bytes(b"weights")
-    setup = PolicySetup(make_plan("smoke"), parse_source(str(file)))
-    if content is None:
-        file.unlink()
-    else:
-        file.write_bytes(content)
+    (tmp_path / "early.zip").write_bytes(b"other weights")
     with pytest.raises(CheckpointChangedError):
         pack_source(setup)
 

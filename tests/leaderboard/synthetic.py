@@ -5,21 +5,17 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from minitouch_bench.episode import PolicyIdentity, Role
 from minitouch_bench.files import PACKED_RUN_FILE, write_file
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard.fresh import drop_p
 from minitouch_bench.leaderboard.play import ROW_FILE, Entry, FreshDraw, RowFacts, RowRun
 from minitouch_bench.leaderboard.submission import Submission
-from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.policies.formats import BUILT_IN
 from minitouch_bench.policies.policy import NOTES
 from minitouch_bench.policies.sources import ALL_TASKS, CheckpointFile, SubmittedTraining
-from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import make_header, run_json
-from tests.reporting.synthetic import Played, make_record, measured, with_fault
+from minitouch_bench.runs.run import run_json
+from tests.reporting.synthetic import measured, played
 
 CHECKPOINT = b"weights of a policy that nobody ever loads"
 ABOUT = Submission(
@@ -35,32 +31,8 @@ ABOUT = Submission(
     notes="Trained on the train shapes.",
     trainings=(SubmittedTraining(0),),
 )
-FAULT = "the action contains NaN or infinity"
 MORNING, NOON = "2026-01-01T08:00:00+00:00", "2026-01-01T12:00:00+00:00"
 """When a row was played."""
-
-
-def played(plan: Plan, policies: dict[Role, PolicyIdentity], skill: float, seed: int, faults=0):
-    """Make every episode of a plan, its policy as good as ``skill`` says."""
-    rng = np.random.default_rng([seed, len(plan.suite), plan.episodes, int(1000 * skill)])
-    records = []
-    for spec in plan.specs(exploration=Role.EXPLORATION in policies):
-        ease = skill / 2 if spec.role is Role.EXPLORATION else skill
-        record = make_record(rng, spec, ease * (0.9 if spec.split == "held-out" else 1.0))
-        if spec.task == "pushing" and spec.index < faults and spec.role is Role.FINAL:
-            record = with_fault(record, FAULT, steps=spec.index)
-        records.append(record)
-    final = policies[Role.FINAL]
-    isolation = "none" if final.kind == "scripted" else "sandbox"
-    header = make_header(plan, final, policies.get(Role.EXPLORATION), isolation)
-    environment = RunEnvironment(
-        packages={"minitouch-bench": "0.1.0", "pybullet": "3.2.7"},
-        machine={"system": "Linux", "processor": "x86_64"},
-        workers=2,
-        started=MORNING,
-        wall_s=754.2,
-    )
-    return Played(header, environment, tuple(records))
 
 
 def write_result(entry: Entry, part: RowRun, skill: float, faults: int = 0) -> None:

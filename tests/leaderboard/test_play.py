@@ -11,6 +11,7 @@ from minitouch_bench.evaluation.execution import HOPELESS_AFTER
 from minitouch_bench.files import lock_directory
 from minitouch_bench.json_io import write_toml
 from minitouch_bench.leaderboard import play as entries
+from minitouch_bench.leaderboard.fresh import drop_p
 from minitouch_bench.leaderboard.play import ROW_FILE, play_row
 from minitouch_bench.policies.native import save_native
 from minitouch_bench.policies.networks import TouchActor, VisualEncoder
@@ -82,9 +83,10 @@ def test_a_row_is_played_once_and_read_back(entry):
     count = Count()
     row = play(entry, count.callbacks())
     assert (row.played, row.waiting, count.episodes) == (("table4",), "", ALL)
-    assert 0 <= row.drop_p <= 1
     assert digests(entry.results).keys() == {*RUNS}
-    (official,), (fresh,) = (runs["table4"] for runs in (entry.read().official, entry.read().fresh))
+    played = entry.read()
+    assert row.drop_p == drop_p(played.official, played.fresh)
+    (official,), (fresh,) = (runs["table4"] for runs in (played.official, played.fresh))
     assert official.tasks == fresh.tasks == TASKS
     seeds = [{one.seed for one in run.rows} for run in (official, fresh)]
     assert not seeds[0] & seeds[1]

@@ -147,10 +147,12 @@ def test_so_many_seeds_find_the_difference_in_four_of_five_repetitions():
     many = table_of(rng, 400, (0.6, 0.5))
     needed = decide(many, 0.05 / 3)
     assert 15 < needed < 50
+    true = many[0].mean() - many[1].mean()
+    half = seeds_to_decide(mean_differences([many]), (400, 400), 0.05 / 3, true / 2)
+    assert 3 * needed < half < 6 * needed
     found = [mean_p_values([table_of(rng, needed, (0.6, 0.5))])[0, 1] for _ in range(400)]
     assert 0.7 < np.mean(np.array(found) <= 0.05 / 3) < 0.9
     # Few seeds that happen to show the true difference give about the same number.
-    true = many[0].mean() - many[1].mean()
     tables = [table_of(rng, 6, (0.6, 0.5)) for _ in range(100)]
     lucky = [rows for rows in tables if abs(rows[0].mean() - rows[1].mean() - true) < 0.02]
     assert needed / 2 < np.median([decide(rows, 0.05 / 3) for rows in lucky]) < needed * 2

@@ -11,7 +11,6 @@ from minitouch_bench.leaderboard.ranking import BOARD_TASKS, OVERALL
 from minitouch_bench.leaderboard.site import BOARD_FILE, build_board
 from tests.leaderboard.browser import Browser
 from tests.leaderboard.synthetic import ABOUT, NOON, make_row, make_submission
-from tests.process_tree import wait_until
 from tests.reporting.html_page import Page
 
 HOSTILE = "</script><script>alert(1)</script>\u202e=cmd()"
@@ -27,7 +26,7 @@ def board(tmp_path_factory) -> Path:
     both = ("table4", "novel-shapes")
     own = b"weights of the best"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tests.leaderboard.synthetic.FAULT", HOSTILE)
+        patch.setattr("tests.reporting.synthetic.FAULT", HOSTILE)
         make_row(root, "hac", 0.9, suites=both, exploration=True, faults=2, content=own)
     make_row(root, "touch", 0.6, about=replace(touch, learner="PPO"))
     make_row(root, "vision", 0.3, about=vision)
@@ -126,21 +125,6 @@ def test_a_phone_s_width_needs_no_sideways_scrolling(browser, board, page):
         assert browser.run("document.documentElement.scrollWidth") <= width
         assert browser.run(cut) == 0
         assert browser.run("document.querySelector('.scroll').scrollWidth") >= 300
-
-
-def test_the_policy_of_the_page_stops_an_injected_script(index):
-    index.run(
-        "document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hit=1\">');"
-        "const s = document.createElement('script'); s.textContent = 'window.hit = 2';"
-        "document.body.append(s)"
-    )
-
-    def is_told():
-        index.run("0")  # reads what the browser said meanwhile
-        return sum("Content Security Policy" in line for line in index.messages) >= 2
-
-    wait_until(is_told, 60)
-    assert index.run("window.hit") is None
 
 
 # As text

@@ -1,11 +1,9 @@
 """Real policy processes, and everything that can go wrong in one."""
 
-import os
 import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -36,14 +34,6 @@ SOON_S = 30.0
 
 def factory(attribute):
     return parse_source(f"misbehaving:{attribute}")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def importable():
-    """Let policy processes import ``misbehaving`` from here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
-        yield
 
 
 @pytest.fixture(scope="module")

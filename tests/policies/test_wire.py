@@ -1,11 +1,9 @@
-import signal
-import subprocess
-import sys
-import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from minitouch_bench.policies import wire
 from minitouch_bench.policies.wire import pack_observation, unpack_observation
 from minitouch_bench.text import describe, plain_line
 
@@ -52,23 +50,17 @@ def test_an_exception_that_lies_is_still_named_with_its_line():
     assert describe(ValueError("no\nway")) == "ValueError: no way"
 
 
-WAITS = """
-import os, time
-from minitouch_bench.policies.wire import CLOCK, OutputPipe, wait_for
-silent, _ = os.pipe()
-began = time.monotonic()
-print("waits", flush=True)
-assert not wait_for((silent,), OutputPipe(), CLOCK.now() + 3.0)
-print(time.monotonic() - began)
-"""
+@pytest.mark.parametrize(("stopped_s", "passed_s"), [(4.0, 1.0), (0.5, 1.5)])
+def test_a_clock_does_not_run_while_the_evaluation_is_stopped(monkeypatch, stopped_s, passed_s):
+    seconds, asked = [0.0], []
 
+    def poll(milliseconds):
+        asked.append(milliseconds)
+        seconds[0] += milliseconds / 1000 + stopped_s
+        return [(7, 1)]
 
-def test_a_deadline_does_not_run_while_the_evaluation_is_stopped():
-    with subprocess.Popen([sys.executable, "-c", WAITS], stdout=subprocess.PIPE, text=True) as one:
-        assert one.stdout.readline() == "waits\n"
-        time.sleep(0.5)  # it waits now
-        one.send_signal(signal.SIGSTOP)
-        time.sleep(4.0)
-        one.send_signal(signal.SIGCONT)
-        took = float(one.stdout.read())
-    assert took > 5.9  # 3 s, and the stop less the one second of it that counts
+    monkeypatch.setattr(wire, "time", SimpleNamespace(monotonic=lambda: seconds[0]))
+    clock = wire.RunningClock()
+    assert clock.poll(SimpleNamespace(poll=poll), 3.0) == {7}
+    assert asked == [1000.0]
+    assert clock.now() == passed_s

@@ -1,6 +1,6 @@
 """Plausible runs without a simulator: records that look like those of an evaluation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,14 @@ from minitouch_bench.files import RUN_FILE, write_file
 from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.metrics.summary import Summary, measure
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import Run, RunHeader, parse_run, read_run, run_json
+from minitouch_bench.runs.run import (
+    Run,
+    RunHeader,
+    make_header,
+    parse_run,
+    read_run,
+    run_json,
+)
 from minitouch_bench.runs.run import make_run as measure_run
 
 
@@ -41,6 +48,14 @@ FAMILIES = ("carved", "extruded", "harmonic", "lathed")
 SHAPE_TASKS = ("playing", "pushing", "pick-up")
 ALL_TASKS = ("playing", "pushing", "opening", "pick-up")
 LIMIT = 200
+FAULT = "act() gave NaN in element 2 of 4"
+ENVIRONMENT = RunEnvironment(
+    packages={"minitouch-bench": "0.1.0", "pybullet": "3.2.7", "numpy": "2.4.6"},
+    machine={"system": "Linux 6.8", "processor": "x86_64, 8 cores", "python": "3.11.9"},
+    workers=8,
+    started="2025-03-04T10:20:30Z",
+    wall_s=754.2,
+)
 
 
 def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) -> Trace:
@@ -51,9 +66,12 @@ def make_trace(rng: np.random.Generator, steps: int, task: str, contact: float) 
     began = np.diff(np.concatenate([[False], contact_ticks > 0]).astype(int)) > 0
     axes = 1 if task == "opening" else 3
     touched = np.flatnonzero(contact_ticks)
+    actions = rng.uniform(-1, 1, (steps, 5 if task == "opening" else 4)).astype(np.float32)
+    clipped = rng.random(steps) < 0.03
+    actions[clipped] = 1  # a clipped action is at a bound
     return Trace(
-        actions=rng.uniform(-1, 1, (steps, 5 if task == "opening" else 4)).astype(np.float32),
-        clipped=rng.random(steps) < 0.03,
+        actions=actions,
+        clipped=clipped,
         rewards=np.zeros(steps, np.float32),
         ticks=ticks,
         contact_ticks=contact_ticks,
@@ -94,6 +112,24 @@ def with_fault(record: PlayedEpisode, text: str, steps: int = 0) -> PlayedEpisod
     return PlayedEpisode(record.spec, Outcome.POLICY_FAULT, record.start, trace, text)
 
 
+def played(
+    plan: Plan, policies: Mapping[Role, PolicyIdentity], skill: float, seed: int, faults: int = 0
+) -> Played:
+    """Make every episode of a plan, its policy as good as ``skill`` says."""
+    rng = np.random.default_rng([seed, len(plan.suite), plan.episodes, int(1000 * skill)])
+    records = []
+    for spec in plan.specs(exploration=Role.EXPLORATION in policies):
+        ease = skill / 2 if spec.role is Role.EXPLORATION else skill
+        record = make_record(rng, spec, ease * (0.9 if spec.split == "held-out" else 1.0))
+        if spec.task == "pushing" and spec.index < faults and spec.role is Role.FINAL:
+            record = with_fault(record, FAULT, steps=spec.index)
+        records.append(record)
+    final = policies[Role.FINAL]
+    isolation = "none" if final.kind == "scripted" else "sandbox"
+    header = make_header(plan, final, policies.get(Role.EXPLORATION), isolation)
+    return Played(header, ENVIRONMENT, tuple(records))
+
+
 def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
     name: str = "hac-seed1",
     tasks: Sequence[str] = ALL_TASKS,
@@ -106,42 +142,23 @@ def make_run(  # noqa: PLR0917 - a fixture with defaults reads best as one call
     official: bool = True,
     digest: str = "5f1c9ad27e",
 ) -> Played:
-    rng = np.random.default_rng([seed, len(name)])
-    records = []
-    for task in tasks:
-        for index in range(episodes):
-            spec = EpisodeSpec(Role.FINAL, task, index, 1000 + index, 0, "mug-017" * (index % 2))
-            record = make_record(rng, spec, skill)
-            if index < faults and task == "pushing":
-                record = with_fault(record, "act() gave NaN in element 2 of 4", steps=index)
-            records.append(record)
+    policies = {
+        Role.FINAL: PolicyIdentity(
+            name, f"checkpoints/{name}.safetensors", "native", "ab" * 32, notes
+        )
+    }
     if exploration:
-        for task in (task for task in tasks if task != "playing"):
-            for index in range(episodes):
-                spec = EpisodeSpec(Role.EXPLORATION, task, index, 5000 + index)
-                records.append(make_record(rng, spec, skill / 2))
-    policy = PolicyIdentity(name, f"checkpoints/{name}.safetensors", "native", "ab" * 32, notes)
-    header = RunHeader(
-        protocol="minitouch-v1",
+        explorer = PolicyIdentity(f"{name}-exploration", "e.safetensors", "native", "cd" * 32)
+        policies[Role.EXPLORATION] = explorer
+    run = played(Plan("table4", tuple(tasks), episodes, 0), policies, skill, seed, faults)
+    header = replace(
+        run.header,
         protocol_digest=digest * 6,
         task_digests={task: f"{task} {digest}" for task in tasks},
-        plan=Plan("table4", tuple(tasks), episodes, 0),
         official=official,
         unofficial_because=() if official else (f"{episodes} of 100 episodes",),
-        policy=policy,
-        exploration=PolicyIdentity(f"{name}-exploration", "e.safetensors", "native", "cd" * 32)
-        if exploration
-        else None,
-        isolation="sandbox",
     )
-    environment = RunEnvironment(
-        packages={"minitouch-bench": "0.1.0", "pybullet": "3.2.7", "numpy": "2.4.6"},
-        machine={"system": "Linux 6.8", "processor": "x86_64, 8 cores", "python": "3.11.9"},
-        workers=8,
-        started="2025-03-04T10:20:30Z",
-        wall_s=754.2,
-    )
-    return Played(header, environment, tuple(records))
+    return replace(run, header=header)
 
 
 def with_shapes(run: Played) -> Played:

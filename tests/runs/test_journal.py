@@ -2,9 +2,6 @@
 
 import os
 import resource
-import subprocess
-import sys
-import time
 import tracemalloc
 import zlib
 from dataclasses import replace
@@ -19,9 +16,8 @@ from minitouch_bench.runs.journal import Journal
 from tests.reporting.synthetic import make_run
 
 PLAYED = make_run(tasks=("pushing", "opening", "pick-up"), episodes=2, exploration=False)
-HEADER, PACKAGES = PLAYED.header, PLAYED.environment.packages
+HEADER, PACKAGES, RECORDS = PLAYED.header, PLAYED.environment.packages, PLAYED.records
 SPECS = HEADER.specs()
-RECORDS = [replace(record, spec=spec) for record, spec in zip(PLAYED.records, SPECS, strict=True)]
 KEYS = [spec.key for spec in SPECS]
 
 
@@ -131,38 +127,6 @@ def test_a_full_disk_keeps_what_is_there_and_room_again_is_used(journal, path):
     assert keys(path) == KEYS[:-1]
     journal.keep(last)
     assert keys(path) == KEYS
-
-
-KEEP = """
-import sys
-from pathlib import Path
-from minitouch_bench.runs.journal import Journal
-from tests.runs.test_journal import resumed
-source, target = (resumed(Path(name)) for name in sys.argv[1:])
-print("begun", flush=True)
-while True:
-    for record in source.records.values():
-        target.keep(record)
-"""
-
-
-def test_a_killed_writer_leaves_whole_episodes(journal, tmp_path):
-    target = tmp_path / "target" / JOURNAL_FILE
-    Journal.begin(HEADER, PACKAGES, target.parent)
-    root = os.path.abspath(f"{__file__}/../../..")
-    for _ in range(2):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", KEEP, tmp_path, target.parent],
-            env={**os.environ, "PYTHONPATH": root},
-            stdout=subprocess.PIPE,
-        )
-        before = target.stat().st_size
-        assert writer.stdout.readline() == b"begun\n"
-        while target.stat().st_size < before + 100_000:
-            time.sleep(0.001)
-        writer.kill()
-        writer.communicate()
-        assert keys(target) == KEYS
 
 
 def test_an_episode_is_on_disk_before_the_call_returns(journal, monkeypatch):

@@ -103,7 +103,7 @@ def test_a_policy_and_its_isolation_can_make_a_run_unofficial():
         make_plan("novel-shapes", episodes_from=["pushing/3,17", "pick-up/0"], seed=1),
         make_plan(
             "table4",
-            conditions=Perturbation(("vision",), force_noise=2.5, mass=(0.5, 2.0)),
+            conditions=Perturbation(("vision",), force_noise=0.1, mass=(1 / 3, 2 / 3)),
             limits=PolicyLimits(act_timeout_s=2.0, episode_timeout_s=100.0),
         ),
         make_plan("smoke", ["pick-up"], objects="cube"),

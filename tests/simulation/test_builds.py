@@ -1,11 +1,10 @@
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from minitouch_bench.errors import UsageError
 from minitouch_bench.simulation import builds
+from tests.process_tree import run_python
 
 
 def test_the_installed_library_is_known_without_being_loaded():
@@ -13,10 +12,7 @@ def test_the_installed_library_is_known_without_being_loaded():
         "import sys; from minitouch_bench.simulation import builds; print(builds.check_library()); "
         "assert 'pybullet' not in sys.modules"
     )
-    said = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True
-    ).stdout
-    assert "known build of pybullet" in said
+    assert "known build of pybullet" in run_python("-c", code).stdout
 
 
 @pytest.mark.parametrize("name", [*builds.KNOWN_BUILDS, "pybullet.cpython-314-x86_64-linux-gnu.so"])

@@ -66,8 +66,8 @@ def test_a_training_that_is_not_of_the_design_or_not_played_is_refused(trained, 
         played_rows(study, tmp_path)
 
 
-def test_a_row_of_another_policy_is_not_taken_for_the_training_s(trained):
-    study, run = trained
+def test_a_row_of_another_policy_is_not_taken_for_the_training_s(trained, tmp_path):
+    run, study = trained[1], shutil.copytree(trained[0], tmp_path / "study")
     file = study / "trainings.csv"
     file.write_text(file.read_text().replace(pd.read_csv(file)["final_policy"][0], "0" * 64))
     played_rows.cache_clear()

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 import minitouch_bench as mt
 from experiments import reliance
 from experiments.reliance import WORDS, OtherForces, reliance_rows
-from minitouch_bench.policies.native import save_native
-from minitouch_bench.policies.networks import TouchActor
 from minitouch_bench.simulation.observation import FORCES
 from tests.evaluation.runs import Here, play_here
+from tests.leaderboard.playing import write_policy
 
 
 class AtRandom:
@@ -44,9 +42,7 @@ def test_late_forces_are_those_of_the_step_before_and_listed_ones_end_in_none(fo
 def test_a_finished_policy_plays_its_episodes_again_with_other_forces(tmp_path, monkeypatch):
     play_here(monkeypatch, steps=20)
     monkeypatch.setattr(reliance, "LocalEngine", lambda _: Here())
-    torch.manual_seed(1)
-    file = tmp_path / "final.safetensors"
-    save_native(TouchActor(action_size=5), file)
+    file = write_policy(tmp_path / "final.safetensors")
     run = mt.evaluate(str(file), tasks=["opening"], episodes=2)
     rows = reliance_rows(file, run, {"episodes": 2, "forces": [*WORDS]})
     assert rows["estimates"]["conditions"].tolist() == [*WORDS.values()]

@@ -17,7 +17,6 @@ import sys
 import traceback
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +25,7 @@ import typer
 
 from minitouch_bench.commands.report import report
 from minitouch_bench.comparison.comparison import compare_runs
-from minitouch_bench.episode import PlayedEpisode
+from minitouch_bench.episode import PlayedEpisode, Role
 from minitouch_bench.errors import MiniTouchError
 from minitouch_bench.evaluation.execution import header_of, open_run
 from minitouch_bench.evaluation.policy_setup import PolicySetup
@@ -37,19 +36,17 @@ from minitouch_bench.files import (
     MIB,
     RUN_FILE,
     lock_directory,
-    write_file,
 )
 from minitouch_bench.leaderboard.site import build_board
 from minitouch_bench.leaderboard.submission import check_submission
-from minitouch_bench.machine import RunEnvironment
 from minitouch_bench.policies.sources import parse_source
 from minitouch_bench.reporting.report import write_views
 from minitouch_bench.runs.actions import write_actions
 from minitouch_bench.runs.journal import Journal
 from minitouch_bench.runs.plan import Plan
-from minitouch_bench.runs.run import make_run, read_run, run_json
+from minitouch_bench.runs.run import read_run
 from tests.leaderboard.synthetic import make_submission
-from tests.reporting.synthetic import make_record
+from tests.reporting.synthetic import played, write
 from tests.verification.conftest import verify_run
 
 TIME_LIMIT_S = 120
@@ -77,25 +74,17 @@ class Replayed:
 
 def sound_run(directory: Path) -> tuple[PlayedEpisode, ...]:
     """Write a small run with all its files, also those of one that is not finished."""
-    rng = np.random.default_rng(1)
-    records = []
-    header = header_of(REQUEST)
-    for spec in header.specs():
-        record = make_record(rng, spec, 0.7)
-        unclipped = np.zeros(len(record.trace.actions), bool)
-        records.append(replace(record, trace=replace(record.trace, clipped=unclipped)))
-    environment = RunEnvironment({"numpy": "2"}, {"system": "Linux"}, 1, "2025-01-01", 1.0)
+    made = played(REQUEST.plan, {Role.FINAL: REQUEST.policy.identity()}, 0.7, 1)
     directory.mkdir()
-    journal = Journal.begin(header, {}, directory)
-    for record in records:
+    journal = Journal.begin(made.header, {}, directory)
+    for record in made.records:
         journal.keep(record)
-    write_actions(records, directory)
-    run = make_run(header, environment, records, "run", directory)
-    write_file(directory / RUN_FILE, run_json(run))
+    write_actions(made.records, directory)
+    run = write(made, directory)
     (directory / "videos").mkdir()
     (directory / "videos" / "pushing-0.mp4").write_bytes(b"video")
     write_views(run, directory)
-    return tuple(records)
+    return made.records
 
 
 # What is done to a file
