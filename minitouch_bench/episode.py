@@ -216,7 +216,7 @@ IN_MEMORY = "in memory"
 
 @dataclass(frozen=True)
 class PolicyIdentity:
-    """What was evaluated. ``digest``: see ``PolicySource``.
+    """What was evaluated. ``digest``: SHA-256 of a file's bytes or of an object in memory, or "".
 
     ``notes`` are labels every table shows, such as "remote" or "reads the simulator".
     """

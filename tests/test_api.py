@@ -231,7 +231,7 @@ def test_a_set_of_objects_can_be_a_path(tmp_path, monkeypatch):
     environment.close()
 
 
-def test_a_name_that_there_is_not_is_told():
+def test_an_unknown_name_is_an_error_that_names_it():
     with pytest.raises(AttributeError, match="no attribute 'evaluat'"):
         mt.evaluat  # noqa: B018
 

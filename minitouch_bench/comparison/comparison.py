@@ -58,8 +58,8 @@ class MetricVerdict:
     """What a metric of a task shows: ``p_adjusted`` is over all rows of the metric.
 
     ``needed``: episodes of each task, or training seeds of each method, that would show the
-    difference if it is as observed; None for no difference or too many, and where enough seeds
-    are there.
+    difference if it is as observed; None for no difference or too many, and where the training
+    seeds present have shown it.
     """
 
     effect: Effect
@@ -334,12 +334,12 @@ def tables_by_metric(
 
 
 def verdict_tables(
-    titles: tuple[str, str], found: Sequence[MetricVerdict], needed: str
+    titles: tuple[str, str], found: Sequence[MetricVerdict], label: str
 ) -> tuple[tables.Table, ...]:
-    """Lay out verdicts, one table per metric: tasks down; ``needed`` heads the last column."""
+    """Lay out verdicts, one table per metric: tasks down; ``label`` heads the last column."""
     first, second = titles
     columns = tables.make_columns(
-        first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", needed,
+        first, second, f"{second} minus {first}", "p", "p adjusted", "Verdict", label,
         words=["Verdict"],
     )  # fmt: skip
     rows = []

@@ -84,7 +84,7 @@ def generate(
 
 
 def refuse_others(folder: Path, *own: str) -> None:
-    """Refuse a folder with files other than those that an interrupted call leaves there.
+    """Refuse a folder with other files than ``own``, which an interrupted call leaves there.
 
     Raises:
         RunDirectoryError: it has some.

@@ -231,10 +231,16 @@ class TabletopTask(Task):
         return np.array(client.pose(self.target_body).position)
 
     def outcome(self, client: PhysicsClient) -> Outcome | None:
-        """Return a failure where an object has left the workspace, if that ends the task."""
+        """Return success, or a failure if the object has left a workspace that it can leave."""
         x, y, _ = client.pose(self.target_body).position
+        if self.succeeds(client, (x, y)):
+            return Outcome.SUCCESS
         is_left = self.spec.object_can_leave and not self.spec.workspace.holds(x, y)
         return Outcome.LEFT_WORKSPACE if is_left else None
+
+    def succeeds(self, client: PhysicsClient, position: Position) -> bool:
+        """Tell whether the task is done with the object there; without a goal it never is."""
+        return False
 
 
 def draw_position(workspace: Workspace, rng: np.random.Generator, margin: float) -> Position:
@@ -292,12 +298,9 @@ class Pushing(TabletopTask):
         """Move the end effector to its start."""
         arm.place((*self._start, self.spec.start_height))
 
-    def outcome(self, client: PhysicsClient) -> Outcome | None:
-        """Return success near the target, a failure outside the workspace."""
-        x, y, _ = client.pose(self.target_body).position
-        if math.dist((x, y), self.target) < self.spec.success_distance:
-            return Outcome.SUCCESS
-        return super().outcome(client)
+    def succeeds(self, client: PhysicsClient, position: Position) -> bool:
+        """Tell whether the object is near its target."""
+        return math.dist(position, self.target) < self.spec.success_distance
 
     def _behind(self) -> Position:
         """Return the position behind the object from which it is pushed to the target."""
@@ -356,12 +359,10 @@ class PickUp(TabletopTask):
 
     spec: ClassVar[PickUpSpec] = PICK_UP
 
-    def outcome(self, client: PhysicsClient) -> Outcome | None:
-        """Return success at 5 cm above the table, a failure outside the workspace."""
+    def succeeds(self, client: PhysicsClient, position: Position) -> bool:
+        """Tell whether the whole object is 5 cm above the table."""
         lowest, _ = self.model.heights(client, self.target_body)
-        if lowest - PROTOCOL.physics.table_top >= self.spec.lift:
-            return Outcome.SUCCESS
-        return super().outcome(client)
+        return lowest - PROTOCOL.physics.table_top >= self.spec.lift
 
 
 TASK_CLASSES: dict[str, type[Task]] = {

@@ -133,7 +133,7 @@ def test_a_run_that_begins_with_ten_faults_ends_and_can_be_resumed(tmp_path):
         (CheckpointChangedError, Path("run"), "--resume continues with the old file, --fresh"),
     ],
 )
-def test_what_a_policy_s_mistake_or_change_ended_says_how_to_go_on(error, directory, advice):
+def test_an_error_that_ends_a_run_says_how_to_go_on(error, directory, advice):
     with pytest.raises(error, match=f"^why\n.*{advice}"), resumable(directory):
         raise error("why")
 
