@@ -90,14 +90,23 @@ def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):
     assert built == kept, "make leaderboard"
 
 
-def test_the_page_about_it_has_the_learned_rows_of_today():
-    board = (ROOT / "reports" / "leaderboard" / "leaderboard.md").read_text()
-    overall = board.partition("## Overall")[2].partition("\n## ")[0].replace("\\", "")
+def test_the_page_about_it_has_the_rows_of_today_and_of_the_dark():
+    board = (ROOT / "reports" / "leaderboard" / "leaderboard.md").read_text().replace("\\", "")
     page = (ROOT / "docs" / "results" / "leaderboard.md").read_text()
+    today, dark = page.partition("## In the dark")[::2]
+    overall = board.partition("## Overall")[2].partition("\n## ")[0]
     rows = re.findall(r"(?m)^\| (\d.*?) \| (\S+) \| (.*?) \|", overall)
-    assert len(rows) == page.count("| `")
-    for rank, name, mean in rows:
-        assert f"| `{name}` | {mean} | {rank} |" in page
+    assert [f"| `{name}` | {mean} | {rank} |" for rank, name, mean in rows] == re.findall(
+        r"(?m)^\| `.*", today
+    )
+    of_dark = board.partition("## Dark")[2].partition("\n## ")[0]
+    for name, *shown in re.findall(r"(?m)^\| `(\S+)` \| (.*) \| (.*) \| (.*) \|", dark):
+        (row,) = re.findall(rf"(?m)^\| [^|]+ \| {name}\b[^|]* \| .*", of_dark)
+        _, _, _, playing, opening, pick_up = row.split(" | ")
+        values = [
+            re.sub(r", \d of .*", "", cell.strip(" |")) for cell in (opening, pick_up, playing)
+        ]
+        assert shown == values
 
 
 def test_the_page_about_it_says_where_hac_fails_and_how_hard_it_presses():
