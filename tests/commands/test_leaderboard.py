@@ -100,8 +100,11 @@ def test_the_page_about_it_has_the_rows_of_today_and_of_the_dark():
         r"(?m)^\| `.*", today
     )
     of_dark = board.partition("## Dark")[2].partition("\n## ")[0]
-    for name, *shown in re.findall(r"(?m)^\| `(\S+)` \| (.*) \| (.*) \| (.*) \|", dark):
-        (row,) = re.findall(rf"(?m)^\| [^|]+ \| {name}\b[^|]* \| .*", of_dark)
+    rows = re.findall(r"(?m)^\| `(\S+)` \| (.*) \| (.*) \| (.*) \|", dark)
+    ranked = re.findall(r"(?m)^\| \d.*? \| (\S+) \|", of_dark)
+    assert {name for name, *_ in rows} == {*ranked, "open-loop", "scripted"}
+    for name, *shown in rows:
+        (row,) = re.findall(rf"(?m)^\| \S.* \| {name}(?: \(calibration\))? \| .*", of_dark)
         _, _, _, playing, opening, pick_up = row.split(" | ")
         values = [
             re.sub(r", \d of .*", "", cell.strip(" |")) for cell in (opening, pick_up, playing)
