@@ -69,6 +69,7 @@ def submit(
     directory: Annotated[Path, output_option("DIR", "Directory of all submissions.")] = SUBMISSIONS,
     workers: options.Workers = AUTO,
     isolation: options.IsolationLevel = Isolation.SANDBOX.value,
+    trust: options.Trust = False,
 ) -> None:
     """Pack policies as a submission for the leaderboard.
 
@@ -82,7 +83,7 @@ def submit(
 
     if isolation == Isolation.NONE:
         raise errors.UsageError("submit plays a policy in the sandbox, or with --isolation process")
-    isolated = isolation_options(isolation, trust=False)
+    isolated = isolation_options(isolation, trust)
     for_suites, senses = words(suites), words(modalities)
     _refuse_unknown("--suites", for_suites, submission.SUITES)
     _refuse_unknown("--modalities", senses, submission.MODALITIES)

@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 import pytest
+import torch
 
 from minitouch_bench.agents.config import make_config
 from minitouch_bench.commands.submit import submit
@@ -44,6 +45,21 @@ def told(name="hac"):
 def state(directory):
     files = [path for path in directory.rglob("*") if path.is_file()]
     return {path.relative_to(directory): path.read_bytes() for path in files}
+
+
+class Still(torch.nn.Module):
+    def forward(self, image, touch):
+        return touch[:, :5] * 0
+
+
+def test_code_outside_the_sandbox_needs_trust(capsys):
+    example = torch.zeros(1, 1, 84, 84, dtype=torch.uint8), torch.zeros(1, 11)
+    torch.export.save(torch.export.export(Still(), example), "mine.pt2")
+    of_mine = {**ABOUT, "policies": ["mine.pt2"], "workers": "1", "isolation": "process"}
+    with pytest.raises(PolicyError, match="--trust"):
+        submit(**of_mine)
+    submit(**of_mine, trust=True)
+    assert capsys.readouterr().out == "submissions/hac\n"
 
 
 def test_the_trial_plays_each_policy_and_the_submission_is_whole(capsys):
