@@ -82,7 +82,7 @@ def worth_lines(worth: pd.DataFrame) -> list[str]:
 def _solved_without(worth: pd.DataFrame) -> Iterator[str]:
     """Say for each sense in which settings the policy without it solves the task."""
     solved = worth[worth["value"] >= SOLVED]
-    yield f"These are solved, with a success of {SOLVED} or more."
+    yield f"These are solved, with a mean success of {SOLVED} or more."
     for left_out, policy in WITHOUT.items():
         settings = "; ".join(solved.loc[solved["policy"] == policy, "setting"])
         yield f"Without {left_out}: {settings or 'none'}."

@@ -359,8 +359,8 @@ def answer(
     learned, felt = (_success_claim(design, judged, "hac", one) for one in ("rnd", "hac-no-forces"))
     blind = next(in_dark.itertuples())
     return (
-        "1. **In the dark, a policy that feels forces opens the door more often than one that does "
-        f"not**: success {blind.better_mean:.3f} and {blind.worse_mean:.3f} "
+        "1. **In the dark, of policies that explored with every sense, those that feel forces open "
+        f"the door more often**: success {blind.better_mean:.3f} and {blind.worse_mean:.3f} "
         f"({len(of_light['seeds'])} training seeds, p {_p_text(blind.p, '= ')}).\n"
         "2. **In the light, feeling forces was not shown to help in Pushing and Pick-up**: success "
         f"{felt.better_mean:.3f} with forces and {felt.worse_mean:.3f} without "

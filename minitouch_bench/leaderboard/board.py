@@ -75,11 +75,11 @@ class BoardRow(About):
         return self.name in BUILT_IN
 
     @property
-    def trainings_in_words(self) -> str:
-        """How many trainings it has, "" where nothing was trained."""
-        seeds = len(self.training_seeds)
-        trainings = "one training" if seeds == 1 else f"{seeds} trainings"
-        return trainings if self.training_steps else ""
+    def seeds_in_words(self) -> str:
+        """How many training seeds it has, "" where nothing was trained."""
+        count = len(self.training_seeds)
+        seeds = "one training seed" if count == 1 else f"{count} training seeds"
+        return seeds if self.training_steps else ""
 
     @property
     def why_no_rank(self) -> str:
@@ -150,7 +150,7 @@ COLUMN_SPECS: Mapping[str, ColumnSpec] = {
     "method": ColumnSpec("Method", "name"),
     "learner": ColumnSpec("Learner", "column"),
     "training_steps": ColumnSpec("Training", "column", "control steps", amount, is_text=False),
-    "trainings_in_words": ColumnSpec("Trainings", "name"),
+    "seeds_in_words": ColumnSpec("Training seeds", "name"),
     "modalities": ColumnSpec("Modalities", "name"),
     "labels": ColumnSpec("Labels", "name"),
     "played": ColumnSpec("Played", "column"),

@@ -52,8 +52,8 @@ SEED_VARIANCE = (
 )
 
 DARK_LEAD = (
-    "The light is off: every picture is black, and touch decides. Pushing is left out, because "
-    "its target cannot be felt. "
+    "The light is off: every picture is black. Pushing is left out, because its target cannot be "
+    "felt. "
 )
 
 
@@ -113,7 +113,7 @@ def views(board: Board) -> tuple[BoardView, ...]:
 def _means(board: Board, suite: str, title: str, before: str = "") -> BoardView:
     """Lay out the mean success of a suite, and what ranks each of its tasks."""
     key = MEAN_KEYS[suite]
-    tasks = BOARD_TASKS if suite == MAIN_SUITE else PROTOCOL.suite(suite).tasks
+    tasks = [task for task in BOARD_TASKS if task in PROTOCOL.suite(suite).tasks]
     goals = [task_title(task) for task in tasks if task in GOAL_TASKS]
     columns = (
         Column("Mean success", unit=f"{len(goals)} tasks ↑"),

@@ -226,7 +226,7 @@ GOAL_TASKS = tuple(task.name for task in PROTOCOL.tasks if task.has_goal)
 """The tasks with a goal; Playing has touch only."""
 
 MAIN_SUITE, NOVEL_SHAPES, DARK = "table4", "novel-shapes", "dark"
-"""The suites of Table 4 and of Figure 11, and the one that touch decides."""
+"""The suites of Table 4 and of Figure 11, and the one without light."""
 
 PUBLIC_SEED_BITS = 64
 """A run seed of more bits is a secret; its episodes' seeds are then too many to be tried."""
