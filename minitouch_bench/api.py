@@ -311,8 +311,8 @@ def train(
         "seed": seed,
         "objects": objects if isinstance(objects, str | None) else str(Path(objects).absolute()),
         "dataset": None if from_log is None else str(from_log),
-        "exploration": _without_none(steps=exploration_steps, without=_senses(both)),
-        "task_phase": _without_none(steps=task_steps, without=_senses((*both, *task_alone))),
+        "exploration": _without_none(steps=exploration_steps, without=both or None),
+        "task_phase": _without_none(steps=task_steps, without=(*both, *task_alone) or None),
     }
     base = make_config(task, preset, None if config is None else Path(config), settings)
     asked = take_table(_without_none(**given), TrainingConfig, base=base)
@@ -333,15 +333,6 @@ def train(
             "--resume continues"
         )
     return directory
-
-
-def _senses(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the senses of these names in their order, None for none.
-
-    Raises:
-        UsageError: no such sense.
-    """
-    return parse_perturbation(names, ()).without or None
 
 
 def _without_none(**given: Any) -> dict[str, Any]:

@@ -113,29 +113,21 @@ MAX_DOTS = 4000
 """In a line: of a key of 32,000 parts tomllib takes 4 GB."""
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a user's TOML file.
+def read_toml(path: Path, *, follow: bool = True) -> dict[str, Any]:
+    """Read a user's TOML file; with ``follow=False`` a link is refused.
 
     Raises:
-        UsageError: it is missing, cannot be read, is too large or not TOML.
+        UsageError: it is missing, cannot be read, is too large, not TOML, or has a line of too
+            many dots.
     """
     with os_errors_as(UsageError, path, "read"):
-        content = read_file(path, LARGEST_TOML, follow=True)
-    return parse_toml(content, str(path))
-
-
-def parse_toml(content: bytes, name: str) -> dict[str, Any]:
-    """Read a TOML text.
-
-    Raises:
-        UsageError: it is not TOML, or has a line of too many dots.
-    """
+        content = read_file(path, LARGEST_TOML, follow=follow)
     if max(line.count(b".") for line in content.split(b"\n")) > MAX_DOTS:
-        raise UsageError(f"{name} has a line of more than {MAX_DOTS} dots")
+        raise UsageError(f"{path} has a line of more than {MAX_DOTS} dots")
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # an editor may begin it with a mark
     except (ValueError, RecursionError) as error:  # both decoding errors are ValueErrors
-        raise UsageError(f"{name} is not TOML: {error}") from error
+        raise UsageError(f"{path} is not TOML: {error}") from error
 
 
 def take_table(

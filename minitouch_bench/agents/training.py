@@ -1,10 +1,8 @@
 """The training loop of both phases, and its records: rows of ``progress.csv``."""
 
-import csv
-import io
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from minitouch_bench.policies.native import NativePolicy, save_native
 from minitouch_bench.policies.networks import TOUCH_SIZE
 from minitouch_bench.policies.sources import EXPLORED_FILE, TRAINED_FILE
 from minitouch_bench.protocol.spec import TaskSpec
+from minitouch_bench.reporting.tables import rows_csv
 from minitouch_bench.runs.plan import Plan, PlannedObjects
 from minitouch_bench.simulation.observation import FORCES
 from minitouch_bench.tasks.environment import MiniTouchEnv
@@ -182,12 +181,9 @@ class Training:
         Raises:
             RunDirectoryError: there is no room, or no permission.
         """
-        file, text = self._directory / PROGRESS_FILE, io.StringIO()
-        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(asdict, self._rows))
+        file = self._directory / PROGRESS_FILE
         if self._rows:
-            write_file(file, text.getvalue())
+            write_file(file, rows_csv(COLUMNS, map(astuple, self._rows)))
         else:
             with os_errors_as(RunDirectoryError, file, "removed"):
                 file.unlink(missing_ok=True)

@@ -196,7 +196,8 @@ def compare_runs(runs: Sequence[Run], paths: Sequence[str]) -> Comparison:
             RunPair(
                 first=first.title,
                 second=other.title,
-                identical=shared[0].digest == shared[1].digest,
+                identical=shared[0].digest == shared[1].digest
+                and not any(effect.differing for effect in effects[number]),
                 metrics=tuple(metrics),
                 changes=pairing.find_changes(pairs, (runs[0], run), (first.path, other.path)),
                 notes=tuple(pairing.differences_of_making(runs[0], run)),

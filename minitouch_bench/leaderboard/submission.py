@@ -16,7 +16,7 @@ from msgspec import Meta
 from minitouch_bench import files
 from minitouch_bench.episode import Role
 from minitouch_bench.errors import MiniTouchError, PolicyLoadError, RunDirectoryError, UsageError
-from minitouch_bench.json_io import parse_toml, take_table, whole
+from minitouch_bench.json_io import read_toml, take_table, whole
 from minitouch_bench.policies.formats import BUILT_IN, FORMATS, KIND_BY_SUFFIX
 from minitouch_bench.policies.sources import (
     ALL_TASKS,
@@ -123,9 +123,6 @@ class Submission(About, FormatMark):
         return any(training.files(Role.EXPLORATION) for training in self.trainings)
 
 
-MAX_SUBMISSION_FILE = 64 * files.KIB
-
-
 def read_submission(directory: Path) -> Submission:
     """Read the ``submission.toml`` of a directory.
 
@@ -133,9 +130,7 @@ def read_submission(directory: Path) -> Submission:
         UsageError: it is missing, too large or not a submission.
     """
     path = directory / files.SUBMISSION_FILE
-    with files.os_errors_as(UsageError, path, "read"):
-        content = files.read_file(path, MAX_SUBMISSION_FILE)
-    table = parse_toml(content, str(path))
+    table = read_toml(path, follow=False)
     mark = FormatMark()
     if (table.get("format"), table.get("version")) != (mark.format, mark.version):
         raise UsageError(f"{path} is not a {mark.format} of version {mark.version}")

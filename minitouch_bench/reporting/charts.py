@@ -55,7 +55,8 @@ class Band:
 class Spots:
     """Round dots of one color, drawn as one path, so that a page of thousands stays small.
 
-    ``size``: their height, drawing units. ``episodes``: the index of each one's episode.
+    ``size``: their height, drawing units. ``episodes``: the index of each one's episode, () where
+    they show none.
     """
 
     points: tuple[tuple[float, float], ...]

@@ -91,7 +91,7 @@ def _packages() -> str:
     absent = []
     for extra, requirements in extras().items():
         needed = {re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0] for one in requirements}
-        if extra != "dev" and installed_versions(needed).keys() != needed:
+        if extra not in ("dev", "docs") and installed_versions(needed).keys() != needed:
             absent.append(extra)
     return listed + (f"; without the extras {', '.join(absent)}" if absent else "; every extra")
 

@@ -158,7 +158,6 @@ POLICY = ["policy-0.safetensors"]
         (POLICY * 2, {"exploration": ["policy-1.safetensors"]}, "exploration policies"),
         (["policy-0.safetensors", "policy-1.safetensors"], {"training_seeds": "1,1"}, "different"),
         (["policy-0.safetensors", "policy-1.safetensors"], {"training_seeds": "1,1,2"}, "2 diff"),
-        (["random"], {"name": "mine", "modalities": "touch"}, "has a row already"),
         (["random"], {"name": "zero"}, "has a row already"),
         (["http://localhost:1"], {}, "not a checkpoint"),
     ],
