@@ -139,7 +139,6 @@ def read_rows(
 
 def index_html(board: Board, shown: Sequence[board_tables.BoardView]) -> str:
     """Write the index."""
-    suite = PROTOCOL.suite(MAIN_SUITE)
     return pages.render_page(
         BOARD_TEMPLATES / "board.html.j2",
         STYLESHEETS,
@@ -154,8 +153,7 @@ def index_html(board: Board, shown: Sequence[board_tables.BoardView]) -> str:
             if any(name in row.modalities for row in board.rows)
         },
         notes=board_tables.board_notes(),
-        tasks=len(suite.tasks),
-        episodes=len(suite.tasks) * suite.episodes_per_task,
+        tasks=len(PROTOCOL.tasks),
     )
 
 
