@@ -14,6 +14,7 @@ from experiments.senses import POLICIES
 from minitouch_bench.commands.app import app
 from minitouch_bench.metrics.definitions import METRICS
 from minitouch_bench.protocol.minitouch import GOAL_TASKS
+from minitouch_bench.reporting.labels import task_title
 from tests.altered import DOCS, ROOT
 
 PARTS = ("", "start", "how-to", "explanation", "results")
@@ -137,3 +138,12 @@ def commands(command=PROGRAM):
 def options_of(command):
     names = (name for one in command.params for name in (*one.opts, *one.secondary_opts))
     return {*names, "--help"}
+
+
+def test_the_page_has_what_novel_shapes_change():
+    board = json.loads((ROOT / "reports/leaderboard/leaderboard.json").read_text())
+    (hac,) = (row for row in board["ranked"] if row["name"] == "hac")
+    page = " ".join((ROOT / "docs/results/reproduction.md").read_text(encoding="utf-8").split())
+    for task, gap in hac["novel_shapes"].items():
+        values = (f"{gap[split]['value']:.3f}" for split in ("held_out", "train"))
+        assert f"{task_title(task)} {' and '.join(values)}" in page
