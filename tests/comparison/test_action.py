@@ -60,12 +60,13 @@ def test_the_script_passes_the_inputs_on_as_they_are(tmp_path):
         strict="true",
     )
     assert done.returncode == 0, done.stderr
-    place = f"{tmp_path.parent}/minitouch-regress"
-    junit = f"{place}/junit.xml"
+    junit = arguments[arguments.index("--junit") + 1]
+    kept = Path(junit).parent
+    assert kept.parent == tmp_path.parent / "minitouch-regress"
     assert arguments == [
         "regress", "--baseline", "reports/base line", "--junit", junit, "--json",
         "--metric", "success", "--tolerance", "5%", "--strict",
-        "--output", f"{place}/run", "--fresh", "--", hostile,
+        "--output", f"{kept}/run", "--", hostile,
     ]  # fmt: skip
     assert not (tmp_path / "owned").exists()
     assert (tmp_path / "output").read_text() == f"junit={junit}\ndecision=no regression\n"
@@ -79,7 +80,7 @@ def test_several_runs_are_one_per_line_and_the_script_ends_as_the_gate_does(tmp_
     assert (tmp_path / "output").read_text().endswith("\ndecision=regression\n")
     assert arguments == [
         "regress", "--baseline", "reports/a 1", "--baseline", "reports/a 2",
-        "--junit", f"{tmp_path.parent}/minitouch-regress/junit.xml",
+        "--junit", arguments[6],
         "--json", "--candidate", "reports/b 1", "--candidate", "reports/b 2",
     ]  # fmt: skip
 
