@@ -82,15 +82,15 @@ def test_a_board_is_built_and_a_bad_submission_does_not_stop_it(root):
 def test_the_stored_leaderboard_is_what_is_built_today(tmp_path):
     """A submission that was merged after it, and waits to be played, is not in it."""
     stored = ROOT / "reports" / "leaderboard"
-    mine, built_in = tmp_path / "submissions", tmp_path / "board"
+    mine, again = tmp_path / "submissions", tmp_path / "board"
     for name in re.findall(r'"name": "(.*?)"', (stored / "leaderboard.json").read_text()):
         if (one := ROOT / "submissions" / name).is_dir():
             shutil.copytree(one, mine / name)
-    options = ("--submissions", mine, "--output", built_in)
+    options = ("--submissions", mine, "--output", again)
     succeed("leaderboard", "build", *options, directory=ROOT)
     built, kept = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
-        for folder in (built_in, stored)
+        for folder in (again, stored)
     )
     assert built == kept, "make leaderboard"
 
